@@ -1,0 +1,135 @@
+"""rig.toml: what the rig consists of and where each device is reached. Degrees and millimetres; converted once, here."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from rig.errors import ConfigError
+
+Degrees = Annotated[float, Field(ge=-3600, le=3600)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SampleHolder(_Model):
+    """The stepped square frame around the sample, centred on the turntable axis.
+
+    From the sample's edge to `inner_mm` it lies in the reference plane (z = 0), from there to `outer_mm` at
+    z = -step_mm. Both are matt white of known reflectance: they serve the laser analysis (two known heights in
+    every frame) and the photometry (irradiance of every lamp in every frame).
+    """
+
+    sample_mm: float = Field(gt=0)  # side of the square opening
+    inner_mm: float = Field(gt=0)  # outer side of the upper frame
+    outer_mm: float = Field(gt=0)  # outer side of the lower frame
+    step_mm: float = Field(gt=0)
+    sample_depth_mm: float = Field(gt=0)  # the sample lies between z = -sample_depth_mm and 0
+    white_reflectance: float = Field(gt=0, le=1)  # albedo of the frame, the same in all channels
+
+
+class BoardConfig(_Model):
+    """The ChArUco board of the calibration plan."""
+
+    columns: int
+    rows: int
+    square_mm: float
+    marker_mm: float
+    dictionary: str = "DICT_4X4_50"
+
+
+class Bus(_Model):
+    """The TMCL serial bus that the axes share."""
+
+    port: str
+    baudrate: int = 9600
+
+
+class AxisConfig(_Model):
+    """One stepper axis on the TMCL bus."""
+
+    module: int = Field(ge=1, le=255)
+    motor: int = 0
+    steps_per_deg: float = Field(gt=0)
+    min_deg: Degrees
+    max_deg: Degrees
+    forbidden_deg: tuple[tuple[Degrees, Degrees], ...] = ()  # would block the view or touch another part
+    speed_deg_s: float = Field(gt=0)
+    acceleration_deg_s2: float = Field(gt=0)
+    settle_s: float = Field(ge=0, default=0.2)
+
+
+class LampConfig(_Model):
+    """One lamp: its DMX channel and its place on the arm or on the light arc."""
+
+    channel: int = Field(ge=1, le=512)
+    mount: Literal["arm", "light_arc"]
+    elevation_deg: Degrees
+    distance_mm: float = Field(gt=0)
+
+
+class LampsConfig(_Model):
+    """The ENTTEC DMX USB Pro widget and its lamps."""
+
+    port: str
+    lamp: dict[str, LampConfig]
+
+
+class CameraConfig(_Model):
+    """One PTP/IP camera and its nominal place; the true pose comes from calibration."""
+
+    address: str  # host:port
+    serial: str
+    mount: Literal["front", "camera_arc"]
+    elevation_deg: Degrees
+    distance_mm: float = Field(gt=0)
+    megabytes_per_s: float = Field(gt=0, default=20.0)  # of the download
+
+
+class LaserConfig(_Model):
+    """The RCX laser unit on the light arc."""
+
+    port: str
+    baudrate: int = 2400
+    distance_mm: float = Field(gt=0)  # nominal distance from the rig origin
+    elevations_deg: tuple[Degrees, ...]  # the mountings by hand
+    sweep_ticks: int  # rotation-sensor counts of one sweep (1/16 turn each)
+    ticks_per_s: float  # nominal
+
+
+class ClockConfig(_Model):
+    """Control port of the simulators whose clock this rig follows; absent on hardware."""
+
+    address: str
+
+
+class RigConfig(_Model):
+    """The whole of rig.toml."""
+
+    name: str
+    holder: SampleHolder
+    board: BoardConfig
+    bus: Bus
+    axes: dict[str, AxisConfig]
+    lamps: LampsConfig
+    cameras: dict[str, CameraConfig]
+    laser: LaserConfig | None = None
+    clock: ClockConfig | None = None
+
+
+def load_config(path: Path) -> RigConfig:
+    """Read rig.toml. Raises ConfigError that names the file, the field and what is wrong with it."""
+    try:
+        return RigConfig.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError as error:
+        raise ConfigError(f"{path}: no such file. Name a rig.toml with --rig, or start `rig serve --simulated`.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"{path}: [{where}] {first['msg']} (got {first['input']!r})") from error
+

@@ -1,1 +1,1 @@
-""""""
+"""Files of images: camera RAW, photographs, OpenEXR."""

@@ -1,0 +1,145 @@
+"""Camera RAW files: the untouched mosaic with everything that its radiometry needs."""
+
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import exifread
+import numpy as np
+import rawpy
+from numpy.typing import NDArray
+
+from processing.errors import ImageError
+from processing.radiometry import Sensor
+
+ASSUMED_GAIN_E_PER_DN = 1.0
+ASSUMED_READ_NOISE_DN = 2.0
+_NOISE_PROFILE = "0xC761"  # DNG specification 1.7, tag numbers
+_CAMERA_SERIAL = "0xC62F"
+_UNIQUE_MODEL = "0xC614"
+
+
+@dataclass(frozen=True, slots=True)
+class RawImage:
+    """One frame as the sensor gave it.
+
+    `mosaic` (h, w) uint16 raw_dn; `cfa` (2, 2) with 0 red, 1 green, 2 blue; `white_balance` (3,) as shot, green = 1;
+    `camera_from_xyz` (3, 3), zero where the file has none; `exposure_s` NaN where the file has none.
+    """
+
+    mosaic: NDArray[np.uint16]
+    cfa: NDArray[np.uint8]
+    sensor: Sensor
+    exposure_s: float
+    iso: float
+    f_number: float
+    serial: str
+    model: str
+    unique_id: str
+    white_balance: NDArray[np.float64]
+    camera_from_xyz: NDArray[np.float64]
+
+
+def read_raw(source: Path | bytes) -> RawImage:
+    """Decode a DNG or another Bayer RAW file, given by path or as its bytes.
+
+    Gain and read noise come from the DNG tag NoiseProfile. A camera without it gets gain 1 e-/dn and 2 dn of read
+    noise, and `sensor.assumed` is set. Where the channels' black levels differ, counts are shifted to a common one.
+    Raises ImageError that names the file where it is missing, truncated or not a Bayer RAW file.
+    """
+    name = "frame" if isinstance(source, bytes) else str(source)
+    content = source if isinstance(source, bytes) else _read(source)
+    tags = _tags(content)
+    try:
+        with rawpy.imread(io.BytesIO(content)) as raw:
+            return _raw_image(raw, tags)
+    except (rawpy.LibRawError, rawpy.NotSupportedError) as error:
+        raise ImageError(
+            f"{name}: not a readable RAW image ({_text(error)}): truncated, or not RAW. Copy or take it again."
+        ) from error
+    except ImageError as error:
+        raise ImageError(f"{name}: {error}") from error
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be read: {error.strerror}.") from error
+
+
+def _text(error: Exception) -> str:
+    message = error.args[0] if error.args else error
+    return message.decode(errors="replace") if isinstance(message, bytes) else str(message)
+
+
+def _tags(content: bytes) -> dict[str, Any]:
+    """Values of all TIFF and EXIF tags by bare name; unknown ones as '0xC761'. The first directory wins."""
+    try:
+        found = exifread.process_file(io.BytesIO(content), details=False, extract_thumbnail=False)
+    except (ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError):
+        return {}  # LibRaw, not the tag reader, decides whether the file is an image
+    values: dict[str, Any] = {}
+    for key, tag in found.items():
+        values.setdefault(key.split(" ")[-1], getattr(tag, "values", tag))
+    return values
+
+
+def _number(tags: dict[str, Any], name: str) -> float:
+    values = tags.get(name)
+    if not isinstance(values, Iterable) or isinstance(values, str | bytes):
+        return float("nan")
+    first = next(iter(values), float("nan"))
+    try:
+        return float(first)
+    except ZeroDivisionError:
+        return float("nan")
+
+
+def _string(tags: dict[str, Any], name: str) -> str:
+    value = tags.get(name, "")
+    text = value if isinstance(value, str) else bytes(value).decode("ascii", "replace")
+    return text.strip("\0 ")
+
+
+def _raw_image(raw: rawpy.RawPy, tags: dict[str, Any]) -> RawImage:
+    if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2) or raw.color_desc not in (b"RGBG", b"RGGB"):
+        raise ImageError("not a Bayer mosaic; only cameras with a 2x2 RGB pattern can be used.")
+    mosaic, black_dn, white_dn = _level(raw)
+    cfa = np.where(raw.raw_pattern == 3, 1, raw.raw_pattern).astype(np.uint8)
+    balance = np.asarray(raw.camera_whitebalance, np.float64)[:3]
+    return RawImage(
+        mosaic=mosaic,
+        cfa=cfa,
+        sensor=_sensor(tags, black_dn, white_dn),
+        exposure_s=_number(tags, "ExposureTime"),
+        iso=_number(tags, "ISOSpeedRatings"),
+        f_number=_number(tags, "FNumber"),
+        serial=_string(tags, _CAMERA_SERIAL) or _string(tags, "BodySerialNumber"),
+        model=_string(tags, _UNIQUE_MODEL) or _string(tags, "Model"),
+        unique_id=_string(tags, "ImageUniqueID"),
+        white_balance=balance / balance[1] if np.all(balance > 0) else np.ones(3),
+        camera_from_xyz=np.asarray(raw.rgb_xyz_matrix, np.float64)[:3],
+    )
+
+
+def _level(raw: rawpy.RawPy) -> tuple[NDArray[np.uint16], float, float]:
+    """Counts with one black and one white level for all channels: each channel shifted up to the highest black."""
+    black = np.asarray(raw.black_level_per_channel, np.int64)
+    shift = black.max() - black
+    mosaic: NDArray[np.uint16] = np.array(raw.raw_image_visible, np.uint16)
+    if shift.any():
+        shifted = mosaic.astype(np.int64) + shift[raw.raw_colors_visible]
+        mosaic = np.minimum(shifted, 65535).astype(np.uint16)
+    return mosaic, float(black.max()), float(raw.white_level)
+
+
+def _sensor(tags: dict[str, Any], black_dn: float, white_dn: float) -> Sensor:
+    profile = np.asarray(tags.get(_NOISE_PROFILE, ()), np.float64)
+    if profile.size < 2 or profile.size % 2:
+        read_noise_e = ASSUMED_READ_NOISE_DN * ASSUMED_GAIN_E_PER_DN
+        return Sensor(black_dn, white_dn, ASSUMED_GAIN_E_PER_DN, read_noise_e, assumed=True)
+    slope, offset = profile.reshape(-1, 2).mean(axis=0)
+    return Sensor.from_noise_profile(black_dn, white_dn, float(slope), float(offset))

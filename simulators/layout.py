@@ -1,0 +1,367 @@
+"""The rig as it was built: nominal numbers, which rig.toml tells, and true ones, which only calibration can find.
+
+Rig frame: origin where the turntable axis meets the reference plane, +Z up, +X at azimuth 0. Metres and radians inside.
+True poses differ from nominal ones by seeded amounts: cameras by up to 0.3 deg, 2 mm and 1 % in focal length (the front
+camera, aimed with care through its long lens, by 0.05 deg and 1 mm), the hand-mounted laser by 0.3 deg and 2 mm.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import atan2, cos, radians, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class HolderLayout:
+    """The stepped white frame and the box in which the sample lies."""
+
+    opening_m: float = 0.060  # side of the square opening
+    upper_m: float = 0.076  # outer side of the frame at z = 0
+    lower_m: float = 0.100  # outer side of the frame at z = -step_m
+    step_m: float = 0.008
+    depth_m: float = 0.004  # the sample lies between -depth_m and 0
+    albedo: float = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class BoardLayout:
+    """The ChArUco board: its centre at the rig origin in pose 0, columns along +X, rows of the print along -Y.
+
+    So a corner that OpenCV's board puts at (x, y) from the print's top left lies at (x - width/2, height/2 - y, 0).
+    """
+
+    columns: int = 7
+    rows: int = 5
+    square_m: float = 0.012
+    marker_m: float = 0.009
+    margin_m: float = 0.006  # white around the squares
+    dictionary: str = "DICT_4X4_50"
+
+
+@dataclass(frozen=True, slots=True)
+class SphereLayout:
+    """The SRF sphere at the rig origin, and the matt white card below it, facing +X.
+
+    The card hangs below the sphere because there no direction of the horizontal LED arm has one shadow the other.
+    """
+
+    radius_m: float = 0.050
+    card_y_m: float = 0.0
+    card_z_m: float = -0.059
+    card_width_m: float = 0.040
+    card_height_m: float = 0.011
+    card_albedo: float = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class AxisLayout:
+    """One stepper axis."""
+
+    module: int
+    steps_per_deg: float
+    min_deg: float
+    max_deg: float
+    forbidden_deg: tuple[tuple[float, float], ...] = ()
+    speed_deg_s: float = 30.0
+    acceleration_deg_s2: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class LampLayout:
+    """One lamp, a point source on the arm or on the light arc."""
+
+    channel: int
+    mount: str
+    elevation_rad: float
+    distance_m: float
+
+
+@dataclass(frozen=True)
+class CameraLayout:
+    """One camera: what its label says, and its true optics.
+
+    `matrix` (3, 3) and `rig_from_camera` (4, 4) follow OpenCV's axes (x right, y down, z forward), pixel centres at
+    integers; `distortion` = (k1, k2) on normalised coordinates.
+    """
+
+    name: str
+    serial: str
+    model: str
+    mount: str
+    elevation_rad: float
+    distance_m: float
+    width_px: int
+    height_px: int
+    matrix: Array
+    distortion: tuple[float, float]
+    rig_from_camera: Array
+    megabytes_per_s: float = 20.0
+    burst_hz: float = 7.5
+
+
+@dataclass(frozen=True, slots=True)
+class LaserLayout:
+    """The line laser on the light arc.
+
+    The fan plane contains the source and a horizontal line through it, square to the azimuth of the arc. Its depression
+    angle grows from the sweep's start, where it cuts the reference plane 52 mm behind the axis as seen from the laser,
+    to the end, 52 mm before it. Each mounting has its own gearing, so that every sweep takes the same ticks.
+    """
+
+    distance_m: float = 0.800
+    elevations_deg: tuple[float, ...] = (35.0, 50.0)
+    sweep_ticks: int = 480  # 1/16 turns of the rotation sensor
+    ticks_per_s: float = 39.2  # 104 mm in 12.2 s
+    reach_m: float = 0.052
+    sigma_m: float = 0.0008  # Gaussian half width across the plane
+    offsets: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.0, 0.0))  # true minus nominal (rad, m) per mounting
+
+    def mounting(self, elevation_rad: float) -> tuple[float, float]:
+        """True elevation (rad) and distance (m) of the mounting that was meant to have this elevation."""
+        nearest = int(np.argmin(np.abs(np.radians(self.elevations_deg) - elevation_rad)))
+        turn, shift = self.offsets[nearest]
+        return elevation_rad + turn, self.distance_m + shift
+
+    def fan_rad(self, ticks: float, elevation_rad: float) -> float:
+        """Depression angle of the fan plane at this count of the rotation sensor since the start of the sweep."""
+        start, end = (self._fan_at(reach, elevation_rad) for reach in (-self.reach_m, self.reach_m))
+        return start + (end - start) * ticks / self.sweep_ticks
+
+    def _fan_at(self, trace_m: float, elevation_rad: float) -> float:
+        true_rad, distance_m = self.mounting(elevation_rad)
+        return atan2(distance_m * sin(true_rad), distance_m * cos(true_rad) - trace_m)
+
+    def source(self, light_arc_rad: float, elevation_rad: float) -> Array:
+        """Position of the laser (3,), rig frame, metres."""
+        true_rad, distance_m = self.mounting(elevation_rad)
+        return distance_m * direction(light_arc_rad, true_rad)
+
+    def plane(self, light_arc_rad: float, elevation_rad: float, fan_rad: float) -> tuple[Array, float]:
+        """Unit normal n and offset d of the fan plane n . x = d, rig frame, metres."""
+        normal = np.array([sin(fan_rad) * cos(light_arc_rad), sin(fan_rad) * sin(light_arc_rad), -cos(fan_rad)])
+        return normal, float(normal @ self.source(light_arc_rad, elevation_rad))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Everything of one rig; build it with `build_layout`."""
+
+    size: str
+    seed: int
+    axes: Mapping[str, AxisLayout]
+    lamps: Mapping[str, LampLayout]
+    cameras: Mapping[str, CameraLayout]
+    laser: LaserLayout
+    holder: HolderLayout = field(default_factory=HolderLayout)
+    board: BoardLayout = field(default_factory=BoardLayout)
+    sphere: SphereLayout = field(default_factory=SphereLayout)
+
+    def lamp_position(self, name: str, light_arc_rad: float, arm_rad: float) -> Array:
+        """Position of the lamp (3,), rig frame, metres."""
+        lamp = self.lamps[name]
+        azimuth_rad = arm_rad if lamp.mount == "arm" else light_arc_rad
+        return lamp.distance_m * direction(azimuth_rad, lamp.elevation_rad)
+
+    def rig_from_board(self, pose: int) -> Array:
+        """Rigid transform (4, 4) of the board's centre: 0 is the identity, others tilt by up to 30 deg and shift."""
+        if pose == 0:
+            return np.eye(4)
+        rng = np.random.default_rng([self.seed, 7, pose])
+        azimuth_rad, spin_rad = rng.uniform(-np.pi, np.pi), rng.uniform(-0.5, 0.5)
+        tilt_rad = radians(rng.uniform(12, 30))
+        axis = np.array([cos(azimuth_rad), sin(azimuth_rad), 0.0])
+        turn = rotation(axis * tilt_rad) @ rotation(np.array([0.0, 0.0, spin_rad]))
+        return transform(turn, rng.uniform([-0.012, -0.012, 0.0], [0.012, 0.012, 0.015]))
+
+    def rig_toml(self, *, bus: str, dmx: str, tower: str, cameras: Mapping[str, str], clock: str | None = None) -> str:
+        """The text of rig.toml: nominal numbers, and where each device is reached.
+
+        `bus`, `dmx` and `tower` are serial ports, `cameras` gives host:port per camera name, `clock` the control port.
+        """
+        lines = ['name = "simulated rig"', *self._holder_toml(), *self._board_toml()]
+        lines += ["[bus]", f'port = "{bus}"']
+        for name, axis in self.axes.items():
+            lines += [f"[axes.{name}]", *_axis_toml(axis)]
+        lines += ["[lamps]", f'port = "{dmx}"']
+        for name, lamp in self.lamps.items():
+            lines += [f"[lamps.lamp.{name}]", *_lamp_toml(lamp)]
+        for name, camera in self.cameras.items():
+            lines += [f"[cameras.{name}]", f'address = "{cameras[name]}"', *_camera_toml(camera)]
+        lines += self._laser_toml(tower)
+        if clock is not None:
+            lines += ["[clock]", f'address = "{clock}"']
+        return "\n".join(lines) + "\n"
+
+    def _holder_toml(self) -> list[str]:
+        holder = self.holder
+        return [
+            "[holder]",
+            f"sample_mm = {_mm(holder.opening_m)}",
+            f"inner_mm = {_mm(holder.upper_m)}",
+            f"outer_mm = {_mm(holder.lower_m)}",
+            f"step_mm = {_mm(holder.step_m)}",
+            f"sample_depth_mm = {_mm(holder.depth_m)}",
+            f"white_reflectance = {holder.albedo}",
+        ]
+
+    def _board_toml(self) -> list[str]:
+        board = self.board
+        return [
+            "[board]",
+            f"columns = {board.columns}",
+            f"rows = {board.rows}",
+            f"square_mm = {_mm(board.square_m)}",
+            f"marker_mm = {_mm(board.marker_m)}",
+            f'dictionary = "{board.dictionary}"',
+        ]
+
+    def _laser_toml(self, port: str) -> list[str]:
+        laser = self.laser
+        return [
+            "[laser]",
+            f'port = "{port}"',
+            f"distance_mm = {_mm(laser.distance_m)}",
+            f"elevations_deg = {list(laser.elevations_deg)}",
+            f"sweep_ticks = {laser.sweep_ticks}",
+            f"ticks_per_s = {laser.ticks_per_s}",
+        ]
+
+
+def build_layout(seed: int, size: str) -> Layout:
+    """The rig of this seed; `size` is "small" (320 x 240, front 640 x 480) or "full" (1024 x 768, 2560 x 1920)."""
+    if size not in ("small", "full"):
+        raise ValueError(f"size {size!r} is neither 'small' nor 'full'")
+    axes = {
+        "arm": AxisLayout(module=1, steps_per_deg=100.0, min_deg=-90.0, max_deg=90.0),
+        "light_arc": AxisLayout(2, 100.0, -180.0, 180.0, forbidden_deg=((-12.0, 12.0),)),
+        "turntable": AxisLayout(module=3, steps_per_deg=160.0, min_deg=-200.0, max_deg=200.0),
+    }
+    lamps = {f"lamp{i}": LampLayout(i + 1, "light_arc", radians(10.0 * (i + 1)), 0.900) for i in range(8)}
+    lamps["led"] = LampLayout(channel=9, mount="arm", elevation_rad=0.0, distance_m=0.600)
+    elevations_deg = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 88.0)
+    cameras = {f"cam{i}": _arc_camera(i, elevation, seed, size) for i, elevation in enumerate(elevations_deg)}
+    cameras["front"] = _front_camera(seed, size)
+    offsets = np.random.default_rng([seed, 3]).uniform(-1, 1, (2, 2)) * (radians(0.3), 0.002)
+    laser = LaserLayout(offsets=tuple((float(turn), float(shift)) for turn, shift in offsets))
+    return Layout(size, seed, axes, lamps, cameras, laser)
+
+
+def _arc_camera(index: int, elevation_deg: float, seed: int, size: str) -> CameraLayout:
+    scale = 1.0 if size == "small" else 3.2
+    rng = np.random.default_rng([seed, 1, index])
+    matrix = _matrix(2000.0 * scale * rng.uniform(0.99, 1.01), 320 * scale, 240 * scale, rng.uniform(-3, 3, 2) * scale)
+    pose = _true_pose(radians(elevation_deg), 1.0, radians(0.3), 0.002, rng)
+    distortion = (float(rng.uniform(-0.12, -0.08)), float(rng.uniform(-0.05, 0.05)))
+    return CameraLayout(
+        f"cam{index}", f"VC-{index:04d}", "Virtual Arc Camera", "camera_arc", radians(elevation_deg), 1.0,
+        round(320 * scale), round(240 * scale), matrix, distortion, pose,
+    )  # fmt: skip
+
+
+def _front_camera(seed: int, size: str) -> CameraLayout:
+    scale = 1.0 if size == "small" else 4.0
+    rng = np.random.default_rng([seed, 2])
+    # 3900 px: the sphere's radius is 177 px and the card below it is still in the picture.
+    matrix = _matrix(
+        3900.0 * scale * rng.uniform(0.997, 1.003), 640 * scale, 480 * scale, rng.uniform(-2, 2, 2) * scale
+    )
+    pose = _true_pose(0.0, 1.1, radians(0.05), 0.001, rng)
+    distortion = (float(rng.uniform(-0.12, -0.08)), 0.0)
+    return CameraLayout(
+        "front", "DS-0001", "Virtual DSLR", "front", 0.0, 1.1,
+        round(640 * scale), round(480 * scale), matrix, distortion, pose,
+    )  # fmt: skip
+
+
+def direction(azimuth_rad: float, elevation_rad: float) -> Array:
+    """Unit vector (3,) of an azimuth from +X toward +Y and an elevation from the horizon."""
+    return np.array([
+        cos(elevation_rad) * cos(azimuth_rad),
+        cos(elevation_rad) * sin(azimuth_rad),
+        sin(elevation_rad),
+    ])  # fmt: skip
+
+
+def rotation(vector_rad: Array) -> Array:
+    """Rotation matrix (3, 3) about the vector by its length in radians (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(vector_rad))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector_rad / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned: Array = np.eye(3) + sin(angle) * cross + (1 - cos(angle)) * cross @ cross
+    return turned
+
+
+def transform(turn: Array, shift_m: Array) -> Array:
+    """Rigid transform (4, 4) of a rotation (3, 3) followed by a shift (3,)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn
+    matrix[:3, 3] = shift_m
+    return matrix
+
+
+def _true_pose(
+    elevation_rad: float, distance_m: float, turn_rad: float, shift_m: float, rng: np.random.Generator
+) -> Array:
+    """rig_from_camera of a camera at azimuth 0 that looks at the origin, but not quite."""
+    outward = direction(0.0, elevation_rad)
+    right = np.array([0.0, 1.0, 0.0])
+    nominal = np.column_stack([right, np.cross(-outward, right), -outward])
+    off_axis, off_place = (_within_ball(rng) for _ in range(2))
+    return transform(nominal @ rotation(turn_rad * off_axis), distance_m * outward + shift_m * off_place)
+
+
+def _within_ball(rng: np.random.Generator) -> Array:
+    vector = rng.standard_normal(3)
+    inside: Array = vector / np.linalg.norm(vector) * rng.uniform(0.3, 1.0)
+    return inside
+
+
+def _matrix(focal_px: float, width_px: float, height_px: float, off_centre_px: Array) -> Array:
+    centre_u, centre_v = (width_px - 1) / 2 + off_centre_px[0], (height_px - 1) / 2 + off_centre_px[1]
+    return np.array([[focal_px, 0.0, centre_u], [0.0, focal_px, centre_v], [0.0, 0.0, 1.0]])
+
+
+def _mm(length_m: float) -> float:
+    return round(length_m * 1e3, 6)
+
+
+def _deg(angle_rad: float) -> float:
+    return round(float(np.degrees(angle_rad)), 9)
+
+
+def _axis_toml(axis: AxisLayout) -> list[str]:
+    forbidden = [list(span) for span in axis.forbidden_deg]
+    return [
+        f"module = {axis.module}",
+        f"steps_per_deg = {axis.steps_per_deg}",
+        f"min_deg = {axis.min_deg}",
+        f"max_deg = {axis.max_deg}",
+        f"forbidden_deg = {forbidden}",
+        f"speed_deg_s = {axis.speed_deg_s}",
+        f"acceleration_deg_s2 = {axis.acceleration_deg_s2}",
+    ]
+
+
+def _lamp_toml(lamp: LampLayout) -> list[str]:
+    return [
+        f"channel = {lamp.channel}",
+        f'mount = "{lamp.mount}"',
+        f"elevation_deg = {_deg(lamp.elevation_rad)}",
+        f"distance_mm = {_mm(lamp.distance_m)}",
+    ]
+
+
+def _camera_toml(camera: CameraLayout) -> list[str]:
+    return [
+        f'serial = "{camera.serial}"',
+        f'mount = "{camera.mount}"',
+        f"elevation_deg = {_deg(camera.elevation_rad)}",
+        f"distance_mm = {_mm(camera.distance_m)}",
+        f"megabytes_per_s = {camera.megabytes_per_s}",
+    ]

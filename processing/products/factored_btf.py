@@ -54,7 +54,7 @@ class FactoredBtf:
 
     @classmethod
     def load(cls, folder: Path) -> "FactoredBtf":
-        """Read what `save` wrote."""
+        """Read what `save` wrote; raises ImageError where the folder holds something else."""
         content, provenance = read_description(folder, KIND)
         with np.load(folder / content["file"]) as stored:
             return cls(

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 
 from processing.products.arrays import Float32, Float64
 from processing.products.blinn_phong import BlinnPhong, half_vectors
@@ -41,15 +42,19 @@ class Srf:
         return np.ascontiguousarray(np.concatenate(list(self.residual), axis=1))
 
     def save(self, folder: Path) -> None:
-        """Write srf.npz and product.json into `folder`, which is made."""
+        """Write srf.exr (the packed texture: R, G, B hold s_t, s_b, s_n) and product.json into `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
-        np.savez(folder / "srf.npz", residual=self.residual)
-        content = {"file": "srf.npz", "phong": self.phong.as_dict(), "wrap": self.wrap}
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        with OpenEXR.File(header, {"RGB": self.packed()}) as image:
+            image.write(str(folder / "srf.exr"))
+        content = {"file": "srf.exr", "phong": self.phong.as_dict(), "wrap": self.wrap}
         write_description(folder, KIND, content, self.provenance)
 
     @classmethod
     def load(cls, folder: Path) -> "Srf":
-        """Read what `save` wrote."""
+        """Read what `save` wrote; raises ImageError where the folder holds something else."""
         content, provenance = read_description(folder, KIND)
-        with np.load(folder / content["file"]) as stored:
-            return cls(stored["residual"], BlinnPhong.from_dict(content["phong"]), content["wrap"], provenance)
+        with OpenEXR.File(str(folder / content["file"])) as image:
+            packed = np.array(image.channels()["RGB"].pixels, np.float32)
+        residual = np.stack(np.split(packed, 3, axis=1))
+        return cls(residual, BlinnPhong.from_dict(content["phong"]), content["wrap"], provenance)

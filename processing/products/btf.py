@@ -1,0 +1,111 @@
+"""The measured bidirectional texture function and its store on disk."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from processing.errors import ImageError
+from processing.products.arrays import Float32, Float64
+from processing.products.provenance import Provenance, read_description, write_description
+
+KIND = "btf"
+_STORE = "btf.zarr"
+# A chunk of 8 x 8 direction pairs by 16 x 16 texels is 96 KiB; a shard holds all texels of its direction pairs. One
+# image opens one file and reads 64 times its size; one texel reads 256 times its size in one chunk per file.
+_DIRECTIONS_PER_CHUNK = 8
+_TEXELS_PER_CHUNK = 16
+_LARGEST_HALF = 65504.0
+
+
+@dataclass(frozen=True, eq=False)
+class Btf:
+    """Reflectance (light, view, y, x, channel) float32 in 1/sr, without the cosine; NaN = not measured.
+
+    Directions are unit vectors (n, 3) of the sample frame. Row 0 of the texels is at +Y.
+    """
+
+    reflectance: Float32
+    light_directions: Float64
+    view_directions: Float64
+    provenance: Provenance = field(default_factory=Provenance)
+
+    def save(self, folder: Path) -> None:
+        """Write btf.zarr (float16, Zarr v3, sharded), directions.npz and product.json into `folder`.
+
+        Raises ImageError for a value beyond the range of float16.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        shape = self.reflectance.shape
+        if np.nanmax(np.abs(self.reflectance), initial=0.0) > _LARGEST_HALF:
+            raise ImageError(f"{folder}: a reflectance lies beyond {_LARGEST_HALF:g}, which float16 cannot hold")
+        chunks = _chunks(shape)
+        shards = (*chunks[:2], *(math.ceil(n / c) * c for n, c in zip(shape[2:], chunks[2:], strict=True)))
+        store: Any = zarr.create_array(
+            store=folder / _STORE, shape=shape, chunks=chunks, shards=shards, dtype="float16", overwrite=True
+        )
+        for lights in _spans(shape[0], chunks[0]):
+            for views in _spans(shape[1], chunks[1]):
+                store[lights, views] = self.reflectance[lights, views].astype(np.float16)
+        np.savez(folder / "directions.npz", light=self.light_directions, view=self.view_directions)
+        content = {"store": _STORE, "directions": "directions.npz", "axes": "light view y x channel"}
+        write_description(folder, KIND, content, self.provenance)
+
+    @classmethod
+    def load(cls, folder: Path) -> "Btf":
+        """Read all of it into memory; raises ImageError where the folder holds something else."""
+        stored = StoredBtf.open(folder)
+        blocks = [stored.rows(rows) for rows in stored.row_spans()]
+        return cls(np.concatenate(blocks, axis=2), stored.light_directions, stored.view_directions, stored.provenance)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredBtf:
+    """A BTF left on disk: images, texels and blocks of rows are read when asked for, as float32."""
+
+    array: Any
+    light_directions: Float64
+    view_directions: Float64
+    provenance: Provenance
+
+    @classmethod
+    def open(cls, folder: Path) -> "StoredBtf":
+        """Open for reading; raises ImageError where the folder holds something else."""
+        content, provenance = read_description(folder, KIND)
+        with np.load(folder / content["directions"]) as directions:
+            array = zarr.open_array(store=folder / content["store"], mode="r")
+            return cls(array, directions["light"], directions["view"], provenance)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Lengths of light, view, y, x, channel."""
+        return tuple(self.array.shape)
+
+    def image(self, light: int, view: int) -> Float32:
+        """What one view sees under one light, (y, x, channel)."""
+        return np.asarray(self.array[light, view], np.float32)
+
+    def texel(self, y: int, x: int) -> Float32:
+        """One texel under every light and view, (light, view, channel)."""
+        return np.asarray(self.array[:, :, y, x], np.float32)
+
+    def rows(self, rows: slice) -> Float32:
+        """Texel rows under every light and view, (light, view, rows, x, channel)."""
+        return np.asarray(self.array[:, :, rows], np.float32)
+
+    def row_spans(self) -> Iterator[slice]:
+        """Spans of rows that follow the chunks, so that each chunk is read once."""
+        return _spans(self.shape[2], self.array.chunks[2])
+
+
+def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
+    limits = (_DIRECTIONS_PER_CHUNK, _DIRECTIONS_PER_CHUNK, _TEXELS_PER_CHUNK, _TEXELS_PER_CHUNK, shape[4])
+    return tuple(min(n, limit) for n, limit in zip(shape, limits, strict=True))
+
+
+def _spans(length: int, step: int) -> Iterator[slice]:
+    return (slice(start, min(start + step, length)) for start in range(0, length, step))

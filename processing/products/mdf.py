@@ -1,0 +1,70 @@
+"""The mesostructure distance function: how far below the reference plane the surface lies along each view."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.products.arrays import Float32, Float64
+from processing.products.provenance import Provenance, read_description, write_description
+
+KIND = "mdf"
+MISSING_CODE = 255
+
+
+@dataclass(frozen=True, eq=False)
+class Mdf:
+    """D(view, y, x) in metres along the view ray from the reference plane down to the surface; NaN = not seen.
+
+    `displacement_m` and its `variance_m2` are float32, `view_directions` (view, 3) unit vectors of the sample
+    frame, `side_m` the edge of the square sample that the texels divide (row 0 at +Y). Not negative where the
+    reference plane lies above the sample; measured values may undershoot 0 by their noise.
+    """
+
+    displacement_m: Float32
+    variance_m2: Float32
+    view_directions: Float64
+    side_m: float
+    provenance: Provenance = field(default_factory=Provenance)
+
+    def pack8(self) -> tuple[NDArray[np.uint8], float]:
+        """One byte per sample and the metres per step: value = code * scale_m, 255 = missing.
+
+        The scale maps the deepest sample to 254; values under 0 become 0.
+        """
+        deepest = float(np.nanmax(self.displacement_m, initial=0.0))
+        scale_m = deepest / (MISSING_CODE - 1) if deepest > 0 else 1.0
+        missing = np.isnan(self.displacement_m)
+        code = np.rint(np.clip(np.where(missing, 0.0, self.displacement_m), 0.0, None) / scale_m)
+        return np.where(missing, MISSING_CODE, code).astype(np.uint8), scale_m
+
+    def save(self, folder: Path) -> None:
+        """Write mdf.npz and product.json into `folder`, which is made."""
+        folder.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(
+            folder / "mdf.npz",
+            displacement_m=self.displacement_m,
+            variance_m2=self.variance_m2,
+            view_directions=self.view_directions,
+        )
+        content = {"file": "mdf.npz", "axes": "view y x", "side_m": self.side_m}
+        write_description(folder, KIND, content, self.provenance)
+
+    @classmethod
+    def load(cls, folder: Path) -> "Mdf":
+        """Read what `save` wrote; raises ImageError where the folder holds something else."""
+        content, provenance = read_description(folder, KIND)
+        with np.load(folder / content["file"]) as stored:
+            return cls(
+                stored["displacement_m"],
+                stored["variance_m2"],
+                stored["view_directions"],
+                float(content["side_m"]),
+                provenance,
+            )
+
+
+def unpack8(code: NDArray[np.uint8], scale_m: float) -> Float32:
+    """Metres, float32 with NaN where missing: the inverse of `Mdf.pack8` to half a step."""
+    return np.where(code == MISSING_CODE, np.nan, code * scale_m).astype(np.float32)

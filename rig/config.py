@@ -87,6 +87,7 @@ class CameraConfig(_Model):
     elevation_deg: Degrees
     distance_mm: float = Field(gt=0)
     megabytes_per_s: float = Field(gt=0, default=20.0)  # of the download
+    frame_megabytes: float = Field(gt=0, default=10.0)  # of one raw file, for the forecast of time and disk
 
 
 class LaserConfig(_Model):

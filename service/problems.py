@@ -1,0 +1,75 @@
+"""One table from exception class to what a person or a program is told: HTTP status, stable code, exit code."""
+
+from dataclasses import dataclass
+
+from processing.errors import CalibrationError, ImageError, ProcessingError
+from render.context import GlUnavailableError
+from rig.errors import (
+    BusyError,
+    ConfigError,
+    ConnectError,
+    DeviceError,
+    DiskFullError,
+    FrameCheckError,
+    InterlockError,
+    LimitError,
+    MissingFrameError,
+    PlanError,
+    ProtocolError,
+    ReadTimeoutError,
+    RigError,
+    StateError,
+    StoreError,
+    TransportError,
+    UnknownDeviceError,
+)
+
+EXIT_CODES = {
+    0: "done",
+    1: "a defect of this program: please report it",
+    2: "the input is wrong: option, file, plan or image; nothing was moved",
+    3: "a device or its wire failed; the rig was made safe, the session can be resumed",
+    4: "busy, or not possible in this state",
+    5: "storage: disk full, frame missing, session unreadable",
+    130: "interrupted; the rig was made safe, the session can be resumed",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """How one class of errors is reported."""
+
+    status: int
+    code: str
+    exit_code: int
+
+
+# The nearest class in the error's own ancestry decides, so that a new subclass is reported like its parent.
+PROBLEMS: dict[type[Exception], Problem] = {
+    UnknownDeviceError: Problem(404, "unknown-device", 2),
+    LimitError: Problem(422, "out-of-range", 2),
+    InterlockError: Problem(422, "interlock", 2),
+    PlanError: Problem(422, "impossible-plan", 2),
+    ConfigError: Problem(422, "malformed-config", 2),
+    ConnectError: Problem(503, "cannot-connect", 3),
+    ReadTimeoutError: Problem(504, "device-timeout", 3),
+    TransportError: Problem(502, "wire-failed", 3),
+    ProtocolError: Problem(502, "wrong-bytes", 3),
+    FrameCheckError: Problem(502, "wrong-frame", 3),
+    DeviceError: Problem(502, "device-failed", 3),
+    StateError: Problem(409, "wrong-state", 4),
+    BusyError: Problem(409, "busy", 4),
+    DiskFullError: Problem(507, "disk-full", 5),
+    MissingFrameError: Problem(422, "missing-frame", 5),
+    StoreError: Problem(422, "session-unreadable", 5),
+    ImageError: Problem(422, "unusable-image", 2),
+    CalibrationError: Problem(422, "cannot-calibrate", 2),
+    GlUnavailableError: Problem(503, "no-opengl", 3),
+    ProcessingError: Problem(422, "cannot-process", 2),
+    RigError: Problem(500, "rig-failed", 3),
+}
+
+
+def problem_of(error: BaseException) -> Problem | None:
+    """The problem that reports this error; None for what is a defect and not a problem of the user's."""
+    return next((PROBLEMS[kind] for kind in type(error).__mro__ if kind in PROBLEMS), None)

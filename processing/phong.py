@@ -1,0 +1,275 @@
+"""Blinn-Phong from reflectance samples, by variable projection over the exponent.
+
+For a given exponent n the model k_d (N.L) + k_s (N.H)^n is linear in k_d and k_s, so only n is searched: first on a
+grid over its whole range, then within the best cell. There is no start value and nothing to blow up. What depends on
+n depends on N.H alone; one pass over the samples gathers sums over fine bins of the half angle, the search runs on
+those, and the result is solved once more on the samples themselves.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numba
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from processing.errors import ConvergenceError
+from processing.products import BlinnPhong
+from processing.products.arrays import Float64
+
+SMALLEST_EXPONENT = 1.0  # a broader lobe imitates the diffuse term
+_LARGEST_EXPONENT = 1e5  # half maximum at 0.2 deg
+_SMALLEST_COUNT_IN_LOBE = 8
+_DISTINCT_ANGLES_RAD = 1e-3
+_BINS = 8192  # 0.011 deg: (N.H)^n is off by less than n * 5e-9 between two of them
+_GRID = 64
+
+
+class FitStatus(IntEnum):
+    """How a fit ended."""
+
+    CONVERGED = 0  # at a minimum within the bounds
+    AT_BOUND = 1  # a parameter rests on its bound: the data does not determine it
+    TOO_FEW_SAMPLES = 2  # fewer valid samples than parameters
+    DIVERGED = 3  # no finite minimum, as for values at the end of the number range
+
+
+@dataclass(frozen=True, eq=False)
+class LobeSamples:
+    """Reflectance samples of one lobe, cosine inside: `value` (m, 3) over `cos_light` N.L and `cos_half` N.H (m,).
+
+    `variance` (m, 3) weighs them where it is known; one that is not finite and positive marks an invalid sample, as
+    does a value or a cosine that is not finite, or light from under the horizon.
+    """
+
+    value: Float64
+    cos_light: Float64
+    cos_half: Float64
+    variance: Float64 | None = None
+
+    def weights(self) -> Float64:
+        """Inverse variances (m, 3) over their largest; 1 where no variance is known, 0 for invalid samples."""
+        lit = (self.cos_light > 0) & np.isfinite(self.cos_light) & np.isfinite(self.cos_half)
+        valid = np.isfinite(self.value) & lit[:, None]
+        if self.variance is None:
+            return valid.astype(np.float64)
+        valid &= np.isfinite(self.variance) & (self.variance > 0)
+        smallest = np.min(self.variance, where=valid, initial=np.inf)
+        return np.where(valid, smallest / np.where(valid, self.variance, 1.0), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class PhongFit:
+    """A fitted lobe; `covariance` (7, 7) orders diffuse, specular, exponent; `mse` (3,) is over all valid samples.
+
+    The covariance is that of the given variances, or, without them, of the residual's own size; parameters that
+    rest on a bound have zeros.
+    """
+
+    phong: BlinnPhong
+    covariance: Float64
+    mse: Float64
+    samples: int
+    status: FitStatus
+
+    def check(self) -> "PhongFit":
+        """This fit, or ConvergenceError where it has no lobe to offer."""
+        if self.status in (FitStatus.TOO_FEW_SAMPLES, FitStatus.DIVERGED):
+            raise ConvergenceError(f"Blinn-Phong fit: {self.status.name.lower()} with {self.samples} valid samples")
+        return self
+
+
+def fit_blinn_phong(samples: LobeSamples, exponent_bounds: tuple[float, float] | None = None) -> PhongFit:
+    """Weighted least squares with k_d, k_s >= 0 per channel and one exponent n for all channels.
+
+    The values are scaled to order one first, so any unit gives the same lobe. Without `exponent_bounds` those of
+    `sampled_exponents` hold. Never raises; see `PhongFit.status`.
+    """
+    weights = samples.weights()
+    valid = weights > 0
+    count = int(valid.any(axis=1).sum())
+    if valid.sum(axis=0).min(initial=count) < 3:
+        return _no_fit(FitStatus.TOO_FEW_SAMPLES, count)
+    scale = _power_of_two(float(np.max(np.abs(samples.value), where=valid, initial=0.0)))
+    if not np.isfinite(1 / scale):
+        return _no_fit(FitStatus.DIVERGED, count)
+    value = np.where(valid, samples.value, 0.0) / scale
+    cos_light = np.where(valid.any(axis=1), samples.cos_light, 0.0)
+    cos_half = np.clip(np.where(valid.any(axis=1), samples.cos_half, 0.0), 0.0, 1.0)
+    bounds = exponent_bounds or sampled_exponents(cos_half[valid.any(axis=1)])
+    exponent = _search(_bin_sums(value, weights, cos_light, cos_half), bounds)
+    return _finish(_Problem(value, weights, cos_light, cos_half, exponent), samples, scale, bounds)
+
+
+def sampled_exponents(cos_half: Float64) -> tuple[float, float]:
+    """Range of exponents that samples at these N.H (m,) can tell apart.
+
+    The narrowest lobe still has eight samples and two distinct half angles above half of its maximum; beyond that
+    nothing holds n.
+    """
+    angle = np.sort(np.arccos(np.clip(cos_half, 0.0, 1.0)))
+    distinct = angle[angle > angle[0] + _DISTINCT_ANGLES_RAD]
+    second = distinct[0] if len(distinct) else angle[-1]
+    width = max(float(angle[min(_SMALLEST_COUNT_IN_LOBE, len(angle)) - 1]), float(second))
+    with np.errstate(divide="ignore"):
+        largest = float(np.log(0.5) / np.log(np.cos(np.clip(width, 1e-4, np.pi / 2))))
+    return SMALLEST_EXPONENT, min(max(largest, 2 * SMALLEST_EXPONENT), _LARGEST_EXPONENT)
+
+
+def average_lobes(fits: Sequence[PhongFit]) -> BlinnPhong:
+    """Mean of the parameter sets of fits to single directions; raises ConvergenceError where none is usable.
+
+    Source: Ma et al. 2004, 4.1. A joint fit of all directions has the smaller error.
+    """
+    usable = [fit.phong for fit in fits if fit.status in (FitStatus.CONVERGED, FitStatus.AT_BOUND)]
+    if not usable:
+        raise ConvergenceError(f"none of {len(fits)} single-direction fits has a lobe to average")
+    return BlinnPhong(
+        np.mean([lobe.diffuse for lobe in usable], axis=0),
+        np.mean([lobe.specular for lobe in usable], axis=0),
+        float(np.mean([lobe.exponent for lobe in usable])),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Normal equations of the three channels, split by half angle: what the search over n needs."""
+
+    light_light: Float64  # (3,)
+    light_value: Float64  # (3,)
+    value_value: Float64  # (3,)
+    by_angle: Float64  # (bins, 3, 3): sums of w, w N.L, w value per channel
+
+    def cost(self, exponent: float) -> float:
+        """Weighted squared residual at the best k_d, k_s."""
+        angle = np.linspace(0, np.pi / 2, _BINS)
+        lobe = np.maximum(np.cos(angle), 0.0) ** exponent
+        half_light, half_value = lobe @ self.by_angle[:, 1], lobe @ self.by_angle[:, 2]
+        half_half = (lobe * lobe) @ self.by_angle[:, 0]
+        k = solve_bounded_pair(self.light_light, half_light, half_half, self.light_value, half_value)
+        quadratic = k[0] ** 2 * self.light_light + 2 * k[0] * k[1] * half_light + k[1] ** 2 * half_half
+        return float((self.value_value - 2 * (k[0] * self.light_value + k[1] * half_value) + quadratic).sum())
+
+
+def solve_bounded_pair(aa: Float64, ab: Float64, bb: Float64, ay: Float64, by: Float64) -> Float64:
+    """Least squares over two non-negative coefficients from their normal equations, (2, ...)."""
+    determinant = aa * bb - ab * ab
+    regular = determinant > 1e-12 * aa * bb
+    safe = np.where(regular, determinant, 1.0)
+    first, second = (bb * ay - ab * by) / safe, (aa * by - ab * ay) / safe
+    inside = regular & (first >= 0) & (second >= 0)
+    only_first = np.divide(np.maximum(ay, 0.0), aa, out=np.zeros_like(aa), where=aa > 0)
+    only_second = np.divide(np.maximum(by, 0.0), bb, out=np.zeros_like(bb), where=bb > 0)
+    take_first = only_first * ay >= only_second * by
+    return np.stack(
+        [
+            np.where(inside, first, np.where(take_first, only_first, 0.0)),
+            np.where(inside, second, np.where(take_first, 0.0, only_second)),
+        ]
+    )
+
+
+@numba.njit(cache=True)
+def _bins(value: Float64, weights: Float64, cos_light: Float64, cos_half: Float64, count: int) -> Float64:
+    sums = np.zeros((count, 3, 3))
+    step = (np.pi / 2) / (count - 1)
+    for i in range(len(cos_half)):
+        position = np.arccos(cos_half[i]) / step
+        left = min(int(position), count - 2)
+        part = position - left
+        for channel in range(3):
+            for side in range(2):
+                w = weights[i, channel] * (part if side == 1 else 1.0 - part)
+                sums[left + side, 0, channel] += w
+                sums[left + side, 1, channel] += w * cos_light[i]
+                sums[left + side, 2, channel] += w * value[i, channel]
+    return sums
+
+
+def _bin_sums(value: Float64, weights: Float64, cos_light: Float64, cos_half: Float64) -> _Sums:
+    weighted_light = weights * cos_light[:, None]
+    return _Sums(
+        (weighted_light * cos_light[:, None]).sum(axis=0),
+        (weighted_light * value).sum(axis=0),
+        (weights * value * value).sum(axis=0),
+        _bins(value, weights, cos_light, cos_half, _BINS),
+    )
+
+
+def _search(sums: _Sums, bounds: tuple[float, float]) -> float:
+    grid = np.linspace(np.log(bounds[0]), np.log(bounds[1]), _GRID)
+    cost = [sums.cost(float(np.exp(log_n))) for log_n in grid]
+    best = int(np.argmin(cost))
+    around = (grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)])
+    refined = minimize_scalar(
+        lambda log_n: sums.cost(float(np.exp(log_n))), bounds=around, method="bounded", options={"xatol": 1e-7}
+    )
+    return float(np.exp(refined.x if refined.fun <= cost[best] else grid[best]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The scaled samples at the exponent that was found."""
+
+    value: Float64
+    weights: Float64
+    cos_light: Float64
+    cos_half: Float64
+    exponent: float
+
+    def lobe(self) -> Float64:
+        return np.asarray(self.cos_half**self.exponent, np.float64)
+
+    def coefficients(self) -> Float64:
+        """k_d and k_s, (2, 3)."""
+        a, b = self.cos_light[:, None], self.lobe()[:, None]
+        w = self.weights
+        products = (w * a * a, w * a * b, w * b * b, w * a * self.value, w * b * self.value)
+        return solve_bounded_pair(*(product.sum(axis=0) for product in products))
+
+    def information(self, k: Float64) -> Float64:
+        """J^T W J (7, 7) with the parameters k_d, k_s, n."""
+        lobe = self.lobe()
+        slope = lobe * np.log(np.maximum(self.cos_half, 1e-12))
+        matrix = np.zeros((7, 7))
+        for channel in range(3):
+            columns = np.stack([self.cos_light, lobe, k[1, channel] * slope])
+            index = np.array([channel, 3 + channel, 6])
+            matrix[np.ix_(index, index)] += (columns * self.weights[:, channel]) @ columns.T
+        return matrix
+
+
+def _finish(problem: _Problem, samples: LobeSamples, scale: float, bounds: tuple[float, float]) -> PhongFit:
+    k = problem.coefficients()
+    valid = problem.weights > 0
+    model = problem.cos_light[:, None] * k[0] + problem.lobe()[:, None] * k[1]
+    squared = np.where(valid, (problem.value - model) ** 2, 0.0)
+    mse = squared.sum(axis=0) / valid.sum(axis=0)
+    # One unit of weight is one over the smallest variance; without variances the residual tells its own.
+    unit = (problem.weights * squared).sum() / max(int(valid.sum()) - 7, 1)
+    if samples.variance is not None:
+        unit = float(np.min(samples.variance, where=valid, initial=np.inf)) / scale**2
+    free = np.concatenate([k.ravel() > 0, [bool((k[1] > 0).any())]])
+    covariance = np.zeros((7, 7))
+    index = np.ix_(free, free)
+    covariance[index] = np.linalg.pinv(problem.information(k)[index], hermitian=True) * unit
+    units = np.array([scale] * 6 + [1.0])
+    lobe = BlinnPhong(k[0] * scale, k[1] * scale, problem.exponent)
+    found = np.concatenate([lobe.diffuse, lobe.specular, [lobe.exponent], mse])
+    count = int(valid.any(axis=1).sum())
+    if not np.isfinite(found).all():
+        return _no_fit(FitStatus.DIVERGED, count)
+    resting = not free.all() or not bounds[0] * 1.001 < problem.exponent < bounds[1] * 0.999
+    status = FitStatus.AT_BOUND if resting else FitStatus.CONVERGED
+    return PhongFit(lobe, covariance * np.outer(units, units), mse * scale**2, count, status)
+
+
+def _no_fit(status: FitStatus, samples: int) -> PhongFit:
+    lobe = BlinnPhong(np.zeros(3), np.zeros(3), SMALLEST_EXPONENT)
+    return PhongFit(lobe, np.zeros((7, 7)), np.full(3, np.nan), samples, status)
+
+
+def _power_of_two(value: float) -> float:
+    """The power of two just above `value`, so that dividing by it rounds nothing; 1 for 0."""
+    return float(np.ldexp(1.0, int(np.frexp(value)[1]))) if value > 0 else 1.0

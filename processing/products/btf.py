@@ -34,6 +34,19 @@ class Btf:
     view_directions: Float64
     provenance: Provenance = field(default_factory=Provenance)
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Lengths of light, view, y, x, channel."""
+        return self.reflectance.shape
+
+    def rows(self, rows: slice) -> Float32:
+        """Texel rows under every light and view, (light, view, rows, x, channel)."""
+        return self.reflectance[:, :, rows]
+
+    def row_spans(self) -> Iterator[slice]:
+        """Spans of rows that keep a block small beside the whole."""
+        return _spans(self.shape[2], _TEXELS_PER_CHUNK)
+
     def save(self, folder: Path) -> None:
         """Write btf.zarr (float16, Zarr v3, sharded), directions.npz and product.json into `folder`.
 

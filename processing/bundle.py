@@ -169,7 +169,7 @@ def _linearised(camera: Camera, rig_from_board: Array, view: BoardView) -> tuple
     zero = np.zeros(3)
     uv_px, by_opencv = cv2.projectPoints(local, zero, zero, camera.matrix, camera.distortion)
     by_opencv = np.asarray(by_opencv, np.float64)
-    by_local: Array = by_opencv[:, 3:6].reshape(-1, 2, 3)
+    by_local = np.asarray(by_opencv[:, 3:6], np.float64).reshape(-1, 2, 3)
     turned = camera.camera_from_rig[:3, :3]
     by_camera = np.concatenate([by_opencv[:, 6:15], _by_pose(by_local, local - camera.camera_from_rig[:3, 3])], axis=1)
     by_board = _by_pose(np.asarray(by_local @ turned), in_rig - rig_from_board[:3, 3])
@@ -195,7 +195,7 @@ def _prior(camera: Camera, start: Camera) -> tuple[Array, Array]:
     jacobian[2, :2] = 1, -1
     jacobian[3:, 4:] = np.eye(5)
     weight = CORNER_NOISE_PX / sigma
-    return np.asarray(weight * departure), np.asarray(weight[:, None] * jacobian)
+    return np.asarray(weight * departure, np.float64), np.asarray(weight[:, None] * jacobian, np.float64)
 
 
 def _huber(error: Array, threshold: float) -> float:
@@ -205,7 +205,7 @@ def _huber(error: Array, threshold: float) -> float:
 
 def _solve(matrix: Array, right: Array) -> Array:
     try:
-        return np.linalg.solve(matrix, right)
+        return np.asarray(np.linalg.solve(matrix, right), np.float64)
     except np.linalg.LinAlgError as error:
         raise CalibrationError("the views leave a parameter free; tilt the board in more directions.") from error
 

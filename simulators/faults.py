@@ -1,0 +1,139 @@
+"""Fault schedules: what goes wrong, at which message or time. Data, so that a run can be replayed.
+
+A fault names a device: a wire (`bus`, `dmx`, `tower`), a camera, an axis or a lamp. Where an axis is named, faults of
+messages strike the requests addressed to its module. Messages, frames and moves are counted from 1 at the start of the
+process. A fault without `at_message` and `at_time_s` strikes at the next occasion.
+"""
+
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from simulators.motor import keyed_uniform
+
+
+class FaultError(Exception):
+    """A fault that cannot be: unknown device, kind or field."""
+
+
+class Occasion(StrEnum):
+    """What is counted, and so what a fault can strike."""
+
+    MESSAGE = "message"
+    FRAME = "frame"
+    MOVE = "move"
+    LAMP = "lamp"
+
+
+KINDS: Mapping[str, Occasion] = {
+    "lose": Occasion.MESSAGE,  # the request does not arrive
+    "drop": Occasion.MESSAGE,  # the request is obeyed, the reply does not arrive
+    "delay": Occasion.MESSAGE,  # the reply comes `seconds` later
+    "stale": Occasion.MESSAGE,  # the reply comes just before the reply to the next request
+    "duplicate": Occasion.MESSAGE,  # the reply comes twice
+    "corrupt": Occasion.MESSAGE,  # one byte of the reply is changed
+    "truncate": Occasion.MESSAGE,  # the second half of the reply is missing
+    "nak": Occasion.MESSAGE,  # the device refuses with an error of its protocol
+    "busy": Occasion.MESSAGE,  # a camera answers Device Busy
+    "unplug": Occasion.MESSAGE,  # the wire is gone; it comes back after `seconds` of simulated time (0: never)
+    "wrong_camera": Occasion.FRAME,  # the camera `other` sits on this cable
+    "frozen": Occasion.FRAME,  # the frame before once more
+    "dark": Occasion.FRAME,  # lamps and laser do not light this frame
+    "no_frame": Occasion.FRAME,  # no object, no event
+    "stall": Occasion.MOVE,  # the axis stops half way
+    "lost_steps": Occasion.MOVE,  # `steps` are counted but not made
+    "dead_lamp": Occasion.LAMP,  # does not light from now on
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One entry of the schedule; `count` successive occasions are struck, each with `probability`."""
+
+    device: str
+    kind: str
+    at_message: int | None = None
+    at_time_s: float | None = None
+    count: int = 1
+    probability: float = 1.0
+    seconds: float = 0.0
+    steps: int = 0
+    other: str = ""
+
+
+def parse_fault(entry: Mapping[str, Any], devices: Iterable[str]) -> Fault:
+    """A fault from its TOML table or JSON object. Raises FaultError, which says what would be allowed."""
+    unknown = set(entry) - {field.name for field in fields(Fault)}
+    if unknown:
+        raise FaultError(f"unknown fault field {sorted(unknown)[0]!r}")
+    missing = {"device", "kind"} - set(entry)
+    if missing:
+        raise FaultError(f"a fault needs {sorted(missing)[0]!r}")
+    if entry["kind"] not in KINDS:
+        raise FaultError(f"unknown fault kind {entry['kind']!r}: one of {', '.join(KINDS)}")
+    known = sorted(devices)
+    if entry["device"] not in known:
+        raise FaultError(f"unknown device {entry['device']!r}: one of {', '.join(known)}")
+    if entry["kind"] == "wrong_camera" and entry.get("other") not in known:
+        raise FaultError(f"a wrong camera needs 'other', one of {', '.join(known)}")
+    return Fault(**entry)
+
+
+class FaultSchedule:
+    """The faults of a run and what has become of them."""
+
+    def __init__(self, seed: int, devices: Iterable[str]) -> None:
+        self._seed = seed
+        self._devices = frozenset(devices)
+        self._faults: list[Fault] = []
+        self._struck: Counter[int] = Counter()
+        self._seen: Counter[tuple[str, Occasion]] = Counter()
+
+    def load(self, path: Path) -> None:
+        """Add the faults of a TOML file, an array of tables `fault`. Raises FaultError."""
+        try:
+            entries = tomllib.loads(path.read_text(encoding="utf-8")).get("fault", [])
+        except (OSError, ValueError) as error:
+            raise FaultError(f"{path}: {error}") from error
+        for entry in entries:
+            self.add(entry)
+
+    def add(self, entry: Mapping[str, Any]) -> None:
+        """Add one fault. Raises FaultError."""
+        self._faults.append(parse_fault(entry, self._devices))
+
+    def clear(self) -> None:
+        """Mend everything; the counts go on."""
+        self._faults.clear()
+        self._struck.clear()
+
+    def listed(self) -> list[dict[str, Any]]:
+        """All faults with the number of times each has struck."""
+        return [asdict(fault) | {"struck": self._struck[i]} for i, fault in enumerate(self._faults)]
+
+    def strike(self, devices: tuple[str, ...], occasion: Occasion, time_s: float) -> Fault | None:
+        """Count an occasion for these devices (a wire and the device behind it); the fault that strikes, if any."""
+        for device in devices:
+            self._seen[device, occasion] += 1
+        for index, fault in enumerate(self._faults):
+            if fault.device in devices and KINDS[fault.kind] is occasion and self._due(index, fault, occasion, time_s):
+                self._struck[index] += 1
+                return fault
+        return None
+
+    def dead(self, lamp: str, time_s: float) -> bool:
+        """Whether the lamp has died by now."""
+        return any(
+            fault.kind == "dead_lamp" and fault.device == lamp and time_s >= (fault.at_time_s or 0.0)
+            for fault in self._faults
+        )
+
+    def _due(self, index: int, fault: Fault, occasion: Occasion, time_s: float) -> bool:
+        number = self._seen[fault.device, occasion]
+        if self._struck[index] >= fault.count or number < (fault.at_message or 0) or time_s < (fault.at_time_s or 0.0):
+            return False
+        return keyed_uniform(self._seed, "fault", index, number) < fault.probability

@@ -1,0 +1,139 @@
+"""What happens inside a camera between release and memory: exposures in simulated time, one after the other."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from simulators.clock import NS_PER_S, Event
+from simulators.faults import Occasion
+from simulators.layout import CameraLayout
+from simulators.pose import Pose
+from simulators.world import World
+
+READOUT_S = 0.02
+TICK_S = 1e-4  # PTP counts exposure times in tenths of a millisecond
+
+
+class Darkroom(Protocol):
+    """What makes files of exposures; `simulators.optics.Optics` does."""
+
+    def photograph(
+        self,
+        camera: str,
+        pose: Pose,
+        exposure_s: float,
+        *,
+        serial: str,
+        frame_key: tuple[int | str, ...],
+        time_s: float,
+    ) -> bytes:
+        """A DNG of what the camera sees."""
+        ...
+
+
+@dataclass(slots=True)
+class Exposure:
+    """One frame under way."""
+
+    index: int
+    start_ns: int
+    fan_start_rad: float
+    pose: Pose | None = None
+    key: tuple[int | str, ...] = ()
+
+
+@dataclass
+class Release:
+    """A press on the button: so many frames, and what to do with them."""
+
+    exposure_ticks: int
+    frames: int
+    interval_s: float
+    deliver: Callable[[bytes], None]
+    complete: Callable[[], None]
+    events: list[Event] = field(default_factory=list)
+
+
+class Shutter:
+    """Shutter and sensor of one camera."""
+
+    def __init__(self, camera: CameraLayout, world: World, darkroom: Darkroom) -> None:
+        self._camera = camera
+        self._world = world
+        self._clock = world.clock
+        self._darkroom = darkroom
+        self._release: Release | None = None
+        self._last = b""
+
+    @property
+    def busy(self) -> bool:
+        """Whether an exposure or a burst is under way."""
+        return self._release is not None
+
+    def release(self, release: Release) -> None:
+        """Start the exposures: the first one now."""
+        self._release = release
+        self._open(release, 0)
+
+    def abort(self) -> None:
+        """Drop what is under way; nothing of it is delivered."""
+        if self._release is not None:
+            for event in self._release.events:
+                event.cancel()
+        self._release = None
+
+    def _open(self, release: Release, index: int) -> None:
+        now_ns = self._clock.now_ns()
+        exposure = Exposure(index, now_ns, self._world.fan_rad())
+        length_ns = round(release.exposure_ticks * TICK_S * NS_PER_S)
+        release.events = [
+            self._clock.at(now_ns + length_ns // 2, lambda: self._middle(release, exposure)),
+            self._clock.at(now_ns + length_ns, lambda: self._close(release, exposure)),
+        ]
+
+    def _middle(self, release: Release, exposure: Exposure) -> None:
+        """The frame shows the world at the middle of its exposure."""
+        exposure.pose = self._world.pose()
+        exposure.key = self._world.frame_key(self._camera.serial, release.exposure_ticks, exposure.index)
+
+    def _close(self, release: Release, exposure: Exposure) -> None:
+        pose = exposure.pose or self._world.pose()
+        if pose.laser_on:
+            pose = replace(pose, laser_sweep=(exposure.fan_start_rad, self._world.fan_rad()))
+        image = self._develop(release, exposure, pose)
+        release.events = [self._clock.after(READOUT_S, lambda: self._read_out(release, exposure, image))]
+
+    def _develop(self, release: Release, exposure: Exposure, pose: Pose) -> bytes | None:
+        camera, layout = self._camera.name, self._world.layout
+        fault = self._world.faults.strike((camera,), Occasion.FRAME, self._clock.now_s())
+        match fault.kind if fault else None:
+            case "no_frame":
+                return None
+            case "frozen" if self._last:
+                return self._last
+            case "dark":
+                pose = replace(pose, lamps=(), laser_on=False, laser_sweep=None)
+            case "wrong_camera":
+                camera = fault.other if fault else camera
+        self._last = self._darkroom.photograph(
+            camera,
+            pose,
+            round(release.exposure_ticks * TICK_S, 4),
+            serial=layout.cameras[camera].serial,
+            frame_key=exposure.key,
+            time_s=exposure.start_ns / NS_PER_S,
+        )
+        return self._last
+
+    def _read_out(self, release: Release, exposure: Exposure, image: bytes | None) -> None:
+        last = exposure.index + 1 == release.frames
+        if last:
+            self._release = None
+        if image is not None:
+            release.deliver(image)
+        if last:
+            if image is not None:
+                release.complete()
+            return
+        next_ns = exposure.start_ns + round(release.interval_s * NS_PER_S)
+        release.events = [self._clock.at(next_ns, lambda: self._open(release, exposure.index + 1))]

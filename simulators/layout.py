@@ -364,4 +364,5 @@ def _camera_toml(camera: CameraLayout) -> list[str]:
         f"elevation_deg = {_deg(camera.elevation_rad)}",
         f"distance_mm = {_mm(camera.distance_m)}",
         f"megabytes_per_s = {camera.megabytes_per_s}",
+        f"frame_megabytes = {round((2 * camera.width_px * camera.height_px + 1000) / 1e6, 6)}",
     ]

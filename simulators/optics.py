@@ -1,24 +1,91 @@
-"""What the cameras photograph."""
+"""What the cameras photograph: noise-free electron rates per pose, exposed by the sensor, written as raw files.
+
+What a camera sees of a pose, the shadows of each lamp and of the laser are computed once, kept for a while, and serve
+every exposure and every laser frame.
+"""
 
 import hashlib
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simulators.dng import RawFile, encode_dng
-from simulators.layout import build_layout
+from simulators.layout import Array, CameraLayout, Layout
+from simulators.lens import rays, sample_points, vignette
+from simulators.light import (
+    AMBIENT,
+    CHANNELS,
+    ELECTRONS_PER_RADIANCE,
+    LASER_CHANNELS,
+    LASER_PEAK,
+    gather,
+    radiance,
+    stripe_angles,
+    stripe_profile,
+)
 from simulators.pose import Pose
-from simulators.sensor import Sensor
+from simulators.recent import Recent
+from simulators.scene import Floats, Hits
+from simulators.sensor import Sensor, generator
+from simulators.studio import Studio
+from simulators.truth import Truth
+
+SAMPLES = {"small": (2, 4), "full": (1, 2)}  # rays per pixel along each axis; the second for the printed board's edges
+SPECKLE = 0.03  # contrast
+VIEW_BYTES, MOSAIC_BYTES = 256 << 20, 64 << 20
+ISO, F_NUMBER, PIXEL_PITCH_M = 100, 8.0, 6e-6
+
+# XYZ to linear sRGB primaries under D65 (IEC 61966-2-1), which the sensor's channels follow up to its white balance.
+SRGB_FROM_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
+
+
+@dataclass(frozen=True)
+class View:
+    """What a camera sees: hits of `per_pixel` rays per pixel, and the eye (3,) in the rig frame."""
+
+    hits: Hits
+    per_pixel: int
+    eye_m: Array
+
+
+@dataclass(frozen=True)
+class Stripe:
+    """The laser's light on the pixels that it can reach.
+
+    `pixel` (n,) counts along rows; `angles` and `widths` (n,) are the fan angle that lights the pixel and the stripe's
+    standard deviation there, `rate_e_s` (n,) is the pixel's rate in the middle of the stripe.
+    """
+
+    pixel: NDArray[np.int64]
+    angles: Array
+    widths: Array
+    rate_e_s: Array
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that the arrays take."""
+        return self.pixel.nbytes + self.angles.nbytes + self.widths.nbytes + self.rate_e_s.nbytes
 
 
 class Optics:
-    """Light, scenes and cameras of one rig."""
+    """Light, scenes and cameras of one rig. Not for use by several threads at once."""
 
     def __init__(self, seed: int, size: str, truth_dir: Path) -> None:
-        self.layout = build_layout(seed, size)
-        self._seed = seed
-        self._truth_dir = truth_dir
+        self._studio = Studio(seed, size)
         self._sensor = Sensor()
+        self._views: Recent[View] = Recent(VIEW_BYTES, lambda view: view.hits.nbytes)
+        self._mosaics: Recent[Floats] = Recent(MOSAIC_BYTES, lambda mosaic: mosaic.nbytes)
+        self._stripes: Recent[Stripe] = Recent(MOSAIC_BYTES, lambda stripe: stripe.nbytes)
+        self._vignettes: dict[str, Floats] = {}
+        self._truth = Truth(truth_dir, self._studio, self.rate)
+
+    @property
+    def layout(self) -> Layout:
+        """Where everything stands."""
+        return self._studio.layout
 
     def photograph(
         self,
@@ -30,15 +97,133 @@ class Optics:
         frame_key: tuple[int | str, ...],
         time_s: float,
     ) -> bytes:
-        """The DNG file of one exposure."""
-        device = self.layout.cameras[camera]
-        level = 60000.0 * sum(level for _, level in pose.lamps)
-        rate = np.full((device.height_px, device.width_px), level, np.float32)
-        key = (self._seed, serial, *frame_key)
+        """The DNG file of one exposure; its noise depends on the seed, `serial` and `frame_key` alone.
+
+        `time_s` is the simulated time, for the file's date. Appends a line to the truth's frames.jsonl.
+        """
+        key = (self._studio.seed, serial, *frame_key)
+        rate = self.rate(camera, pose) + self.laser_rate(camera, pose)
         counts = self._sensor.expose(rate, exposure_s, key)
-        unique_id = hashlib.blake2b(repr(key).encode(), digest_size=16).hexdigest()
-        raw = RawFile(
-            serial, device.model, self._sensor.black_dn, self._sensor.white_dn, self._sensor.noise_profile(), np.eye(3),
-            (0.6, 1.0, 0.72), exposure_s, 100, 8.0, 50.0, time_s, unique_id,
-        )  # fmt: skip
-        return encode_dng(counts, raw)
+        unique_id = hashlib.blake2b(repr((key, exposure_s)).encode(), digest_size=16).hexdigest()
+        self._truth.note_frame(unique_id, camera, pose, exposure_s=exposure_s, time_s=time_s)
+        return encode_dng(counts, self._raw_file(camera, serial, exposure_s, time_s, unique_id))
+
+    def truth(self, what: str, pose: Pose, **arguments: Any) -> dict[str, Any]:
+        """Write one kind of truth of a pose into the truth folder and say where; see `simulators.truth.Truth`."""
+        return self._truth.tell(what, pose, **arguments)
+
+    def rate(self, camera: str, pose: Pose) -> Floats:
+        """Noise-free mosaic (h, w) of a pose without the laser, electrons per second: dark current, stray light, lamps."""
+        rate = self._dark_rate(camera, pose)
+        for name, level in pose.lamps:
+            rate = rate + np.float32(level) * self._lamp_rate(camera, pose, name)
+        return rate
+
+    def laser_rate(self, camera: str, pose: Pose) -> Floats:
+        """The laser's part of the mosaic (h, w), electrons per second, mean over the exposure's sweep."""
+        device = self.layout.cameras[camera]
+        rate = np.zeros(device.height_px * device.width_px, np.float32)
+        if pose.laser_on and pose.laser_sweep is not None:
+            stripe = self._stripe(camera, pose)
+            low, high = sorted(pose.laser_sweep)
+            margin = 6 * stripe.widths
+            near = (stripe.angles > low - margin) & (stripe.angles < high + margin)
+            profile = stripe_profile(stripe.angles[near], stripe.widths[near], pose.laser_sweep)
+            rate[stripe.pixel[near]] = stripe.rate_e_s[near] * profile
+        return rate.reshape(device.height_px, device.width_px)
+
+    def _dark_rate(self, camera: str, pose: Pose) -> Floats:
+        """Dark current and the stray light of the room (h, w)."""
+
+        def make() -> Floats:
+            view = self._view(camera, pose)
+            dark = self._sensor.dark_current(self._shape(camera), (self._studio.seed, camera, "dark"))
+            return dark + self._mosaic(camera, view, view.hits.material.albedo * np.float32(AMBIENT / np.pi))
+
+        return self._mosaics.get((*self._view_key(camera, pose), "dark"), make)
+
+    def _lamp_rate(self, camera: str, pose: Pose, name: str) -> Floats:
+        """The mosaic (h, w) that this lamp alone gives at full level."""
+        lamp = self._studio.lamp(pose, name)
+
+        def make() -> Floats:
+            view = self._view(camera, pose)
+            return self._mosaic(camera, view, self._studio.lamp_radiance(pose, view.hits, lamp, view.eye_m))
+
+        place = tuple(np.round(lamp.position_m, 9).tolist())
+        return self._mosaics.get((*self._view_key(camera, pose), name, place), make)
+
+    def _mosaic(self, camera: str, view: View, light: Floats) -> Floats:
+        """Electron rates (h, w) of the hits' radiance (n, 3)."""
+        mosaic = np.zeros(self._shape(camera), np.float32)
+        gather(light, view.hits.ray, (*mosaic.shape, view.per_pixel), CHANNELS * ELECTRONS_PER_RADIANCE, mosaic)
+        return mosaic * self._vignette(camera)
+
+    def _stripe(self, camera: str, pose: Pose) -> Stripe:
+        source = self.layout.laser.source(pose.light_arc_rad, pose.laser_elevation_rad)
+        key = (*self._view_key(camera, pose), "laser", tuple(np.round(source, 9).tolist()))
+        return self._stripes.get(key, lambda: self._light_stripe(camera, pose, source, key))
+
+    def _light_stripe(self, camera: str, pose: Pose, source: Array, key: tuple[object, ...]) -> Stripe:
+        """The stripe through the pixels' centres: where it can fall, and how bright it is there."""
+        view, laser = self._view(camera, pose, samples=1), self.layout.laser
+        visible = self._studio.lit(pose, view.hits, source)
+        origin, eye = self._studio.to_scene(pose, source), self._studio.to_scene(pose, view.eye_m)
+        red = radiance(view.hits, visible, origin, eye, laser.distance_m)[:, 0] * np.float32(LASER_PEAK)
+        pixel = view.hits.ray
+        row, col = np.divmod(pixel, self.layout.cameras[camera].width_px)
+        gains = (ELECTRONS_PER_RADIANCE * LASER_CHANNELS)[row % 2 + col % 2] * self._vignette(camera).ravel()[pixel]
+        speckle = 1 + SPECKLE * generator((self._studio.seed, *map(str, key))).standard_normal(len(pixel))
+        points = self._studio.to_rig(pose, view.hits.points)
+        across = np.hypot((points[:, :2] - source[:2]) @ _azimuth(pose.light_arc_rad), points[:, 2] - source[2])
+        angles = stripe_angles(points, source, pose.light_arc_rad)
+        seen = red > 0
+        return Stripe(pixel[seen], angles[seen], (laser.sigma_m / across)[seen], (red * gains * speckle)[seen])
+
+    def _view(self, camera: str, pose: Pose, samples: int | None = None) -> View:
+        device = self.layout.cameras[camera]
+        if samples is None:
+            samples = SAMPLES[self.layout.size][pose.sample == "charuco"]
+        key = (*self._view_key(camera, pose), samples)
+        return self._views.get(key, lambda: self._look(device, pose, samples))
+
+    def _look(self, device: CameraLayout, pose: Pose, samples: int) -> View:
+        eye_m = device.rig_from_camera[:3, 3]
+        hits = self._studio.trace(pose, eye_m, rays(device, sample_points(device, samples)))
+        return View(hits, samples**2, eye_m)
+
+    def _view_key(self, camera: str, pose: Pose) -> tuple[object, ...]:
+        place = tuple(np.round(self._studio.rig_from_scene(pose), 9).ravel().tolist())
+        return camera, pose.sample, place
+
+    def _vignette(self, camera: str) -> Floats:
+        if camera not in self._vignettes:
+            self._vignettes[camera] = vignette(self.layout.cameras[camera])
+        return self._vignettes[camera]
+
+    def _shape(self, camera: str) -> tuple[int, int]:
+        device = self.layout.cameras[camera]
+        return device.height_px, device.width_px
+
+    def _raw_file(self, camera: str, serial: str, exposure_s: float, time_s: float, unique_id: str) -> RawFile:
+        device = self.layout.cameras[camera]
+        neutral = (float(CHANNELS[0]), float(CHANNELS[1]), float(CHANNELS[2]))
+        return RawFile(
+            serial=serial,
+            model=device.model,
+            black_dn=self._sensor.black_dn,
+            white_dn=self._sensor.white_dn,
+            noise_profile=self._sensor.noise_profile(),
+            color_matrix=CHANNELS[:, None] * SRGB_FROM_XYZ,
+            neutral=neutral,
+            exposure_s=exposure_s,
+            iso=ISO,
+            f_number=F_NUMBER,
+            focal_length_mm=float(device.matrix[0, 0]) * PIXEL_PITCH_M * 1e3,
+            time_s=time_s,
+            unique_id=unique_id,
+        )
+
+
+def _azimuth(azimuth_rad: float) -> Array:
+    return np.array([np.cos(azimuth_rad), np.sin(azimuth_rad)])

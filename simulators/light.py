@@ -1,0 +1,115 @@
+"""Light on surfaces and from there into the camera.
+
+One unit of irradiance is what any lamp at full level gives a surface at the rig origin that faces it. Surfaces reflect
+a Lambertian part, albedo / pi, and a glossy one: microfacets of the distribution of Trowbridge and Reitz with Smith's
+shadowing and Schlick's Fresnel term. Reflectance is in 1/sr, radiance in units of irradiance per steradian.
+"""
+
+from math import pi
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from simulators.scene import Array, Floats, Hits, Mask
+
+# Electrons per second and unit of radiance, green channel: a white surface (albedo 0.9) that faces a lamp gives 60 000.
+# So 1/30 s collects 2000 e- from it and 2 s saturates it (15 356 e-) eightfold; the darkest ink still gives 5000 e-.
+ELECTRONS_PER_RADIANCE = 60000.0 * pi / 0.9
+CHANNELS = np.array([0.60, 1.00, 0.72])  # the sensor's response to white light
+# Peak irradiance of the stripe at the origin for the red channel, in the same units: white facing the laser gives
+# 250 000 e-/s, about 10 000 e- at 1/15 s under the slant of the mountings, 5000 e- at 1/30 s.
+LASER_PEAK = 250000.0 / 60000.0
+LASER_CHANNELS = np.array([1.00, 0.12, 0.03])
+AMBIENT = 3e-4  # irradiance of the stray light in the dark room
+
+
+def radiance(hits: Hits, visible: Mask, source: Array, eye: Array, reach_m: float) -> Floats:
+    """Radiance (n, 3) toward the eye (3,) of hits lit by a point source (3,), one unit strong at `reach_m`.
+
+    The cosine of incidence is inside; the inverse square of the distance too. 0 where not `visible` (n,).
+    """
+    out = np.zeros((len(hits.points), 3), np.float32)
+    material = hits.material
+    surface = (hits.points, hits.normals, material.albedo, material.specular, material.roughness)
+    _radiance(surface, visible, np.stack([source, eye]), reach_m, out)
+    return out
+
+
+def stripe_angles(points: Array, source: Array, azimuth_rad: float) -> Array:
+    """Depression angle (n,) of the fan plane that passes through each point (n, 3), source (3,) at this azimuth."""
+    inward = -np.array([np.cos(azimuth_rad), np.sin(azimuth_rad)])
+    angles: Array = np.arctan2(source[2] - points[:, 2], (points[:, :2] - source[:2]) @ inward)
+    return angles
+
+
+def stripe_profile(angles: Array, widths: Array, sweep: tuple[float, float]) -> Array:
+    """Mean of the stripe's Gaussian (n,) over an exposure during which the plane turned evenly from sweep[0] to [1].
+
+    `angles` and `widths` (n,) are each point's own fan angle and the stripe's standard deviation there, radians.
+    """
+    start, end = sweep
+    root = np.sqrt(2.0) * widths
+    if abs(end - start) < 1e-9:
+        still: Array = np.exp(-(((angles - start) / root) ** 2))
+        return still
+    passed = erf((end - angles) / root) - erf((start - angles) / root)
+    mean: Array = np.sqrt(pi / 2) * widths * passed / (end - start)
+    return mean
+
+
+@numba.njit(cache=True)
+def _dot(a: Array, b: Array) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)
+def _glossy(n_l: float, n_v: float, n_h: float, v_h: float, gloss: tuple[float, float]) -> float:
+    """Microfacet reflectance (1/sr) of one direction pair, by its cosines."""
+    specular, roughness = gloss
+    square = roughness**4  # the usual reparametrisation: the lobe's width grows as roughness squared
+    spread = n_h * n_h * (square - 1.0) + 1.0
+    facets = square / (pi * spread * spread)
+    hidden = n_l * np.sqrt(square + (1 - square) * n_v * n_v) + n_v * np.sqrt(square + (1 - square) * n_l * n_l)
+    fresnel = specular + (1.0 - specular) * (1.0 - v_h) ** 5
+    return 0.5 * facets * fresnel / hidden
+
+
+@numba.njit(cache=True)
+def _radiance(
+    surface: tuple[Array, Floats, Floats, Floats, Floats], visible: Mask, ends: Array, reach: float, out: Floats
+) -> None:
+    points, normals, albedo, specular, roughness = surface
+    for i in range(len(points)):
+        if not visible[i]:
+            continue
+        light, view = ends[0] - points[i], ends[1] - points[i]
+        square = _dot(light, light)
+        light /= np.sqrt(square)
+        view /= np.sqrt(_dot(view, view))
+        n_l, n_v = _dot(light, normals[i]), max(_dot(view, normals[i]), 1e-3)
+        if n_l <= 0.0:
+            continue
+        half = light + view
+        half /= np.sqrt(_dot(half, half))
+        gloss = 0.0
+        if specular[i] > 0.0:
+            gloss = _glossy(n_l, n_v, _dot(half, normals[i]), _dot(half, view), (specular[i], roughness[i]))
+        irradiance = n_l * reach * reach / square
+        for k in range(3):
+            out[i, k] = irradiance * (albedo[i, k] / pi + gloss)
+
+
+@numba.njit(cache=True)
+def gather(values: Floats, ray: NDArray[np.int64], shape: tuple[int, int, int], gains: Array, mosaic: Floats) -> None:
+    """Add the hits' values (n, 3), times the gain of the pixel's channel, to an RGGB mosaic (h, w).
+
+    `shape` is (h, w, rays per pixel); rays are numbered pixel by pixel, and each counts as its share of the pixel.
+    """
+    _, width, per_pixel = shape
+    for i in range(len(ray)):
+        pixel = ray[i] // per_pixel
+        row, col = pixel // width, pixel % width
+        k = row % 2 + col % 2
+        mosaic[row, col] += values[i, k] * gains[k] / per_pixel

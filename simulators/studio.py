@@ -1,0 +1,114 @@
+"""The scenes in the rig: what a ray from anywhere in the rig hits, and which light falls on it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from simulators.layout import Array, Layout, build_layout, rotation, transform
+from simulators.light import radiance
+from simulators.pose import Pose
+from simulators.scene import Floats, Hits, Mask, Scene
+from simulators.scene_board import BoardScene
+from simulators.scene_holder import HolderScene
+from simulators.scene_relief import brick_relief, flat_relief
+from simulators.scene_sphere import SphereScene
+
+FLOOR_ALBEDO = 0.03  # of the empty opening's bottom
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A lit lamp: position (3,), rig frame, the distance at which it is one unit strong, and its level in (0, 1]."""
+
+    position_m: Array
+    reach_m: float
+    level: float
+
+
+class Studio:
+    """Layout and scenes of one rig; scenes are built when first seen."""
+
+    def __init__(self, seed: int, size: str) -> None:
+        self.seed = seed
+        self.layout: Layout = build_layout(seed, size)
+
+    def scene(self, sample: str) -> Scene:
+        """The scene of a sample. Raises ValueError where there is none of this name."""
+        match sample:
+            case "brick":
+                return self._brick
+            case "white":
+                return self._white
+            case "none":
+                return self._empty
+            case "sphere":
+                return self._sphere
+            case "charuco":
+                return self._board
+        raise ValueError(f"no sample {sample!r}")
+
+    def rig_from_scene(self, pose: Pose) -> Array:
+        """Rigid transform (4, 4): all but the sphere stand on the turntable, the board tilted by hand besides."""
+        if pose.sample == "sphere":
+            return np.eye(4)
+        turned = transform(rotation(np.array([0.0, 0.0, pose.turntable_rad])), np.zeros(3))
+        if pose.sample == "charuco":
+            moved: Array = turned @ self.layout.rig_from_board(pose.board_pose)
+            return moved
+        return turned
+
+    def to_scene(self, pose: Pose, points_m: Array) -> Array:
+        """Points (..., 3) of the rig frame in the scene's frame."""
+        rig_from_scene = self.rig_from_scene(pose)
+        moved: Array = (points_m - rig_from_scene[:3, 3]) @ rig_from_scene[:3, :3]
+        return moved
+
+    def to_rig(self, pose: Pose, points_m: Array) -> Array:
+        """Points (..., 3) of the scene's frame in the rig frame."""
+        rig_from_scene = self.rig_from_scene(pose)
+        moved: Array = points_m @ rig_from_scene[:3, :3].T + rig_from_scene[:3, 3]
+        return moved
+
+    def trace(self, pose: Pose, origin_m: Array, directions: Array) -> Hits:
+        """First hits, in the scene's frame, of rays (n, 3) of the rig frame from one origin (3,)."""
+        turned = directions @ self.rig_from_scene(pose)[:3, :3]
+        return self.scene(pose.sample).trace(self.to_scene(pose, origin_m), turned)
+
+    def lit(self, pose: Pose, hits: Hits, source_m: Array) -> Mask:
+        """Which hits (n,) see the source (3,), rig frame."""
+        return self.scene(pose.sample).lit(hits, self.to_scene(pose, source_m))
+
+    def lamp(self, pose: Pose, name: str, level: float = 1.0) -> Lamp:
+        """A lamp where it stands in this pose."""
+        position_m = self.layout.lamp_position(name, pose.light_arc_rad, pose.arm_rad)
+        return Lamp(position_m, self.layout.lamps[name].distance_m, level)
+
+    def lamp_radiance(self, pose: Pose, hits: Hits, lamp: Lamp, eye_m: Array) -> Floats:
+        """Radiance (n, 3) of the hits under one lamp toward an eye (3,), rig frame; shadows included."""
+        source, eye = self.to_scene(pose, lamp.position_m), self.to_scene(pose, eye_m)
+        visible = self.scene(pose.sample).lit(hits, source)
+        return radiance(hits, visible, source, eye, lamp.reach_m) * np.float32(lamp.level)
+
+    @cached_property
+    def _brick(self) -> HolderScene:
+        holder = self.layout.holder
+        return HolderScene(holder, brick_relief(holder.opening_m, self.seed))
+
+    @cached_property
+    def _white(self) -> HolderScene:
+        holder = self.layout.holder
+        return HolderScene(holder, flat_relief(holder.opening_m, 0.0, holder.albedo))
+
+    @cached_property
+    def _empty(self) -> HolderScene:
+        holder = self.layout.holder
+        return HolderScene(holder, flat_relief(holder.opening_m, -holder.depth_m, FLOOR_ALBEDO))
+
+    @cached_property
+    def _sphere(self) -> SphereScene:
+        return SphereScene(self.layout.sphere, self.seed)
+
+    @cached_property
+    def _board(self) -> BoardScene:
+        return BoardScene(self.layout.board)

@@ -1,0 +1,264 @@
+"""Ground truth, written beside the sessions for tests and benchmarks; never read by what is being tested."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from math import degrees, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simulators.layout import Array, CameraLayout
+from simulators.lens import project, rays, sample_points
+from simulators.pose import Pose
+from simulators.scene import Floats, Hits
+from simulators.scene_sphere import SphereScene
+from simulators.studio import Lamp, Studio
+
+
+class Truth:
+    """Writes what the simulators know into a folder.
+
+    `rate(camera, pose)` gives the noise-free mosaic. Arrays are .npy, records .json; names depend on the content's
+    pose and arguments alone, so the same truth is written once.
+    """
+
+    def __init__(self, folder: Path, studio: Studio, rate: Callable[[str, Pose], Floats]) -> None:
+        self._folder = folder
+        self._studio = studio
+        self._rate = rate
+        self._known: dict[object, str] = {}
+
+    def note_frame(self, unique_id: str, camera: str, pose: Pose, *, exposure_s: float, time_s: float) -> None:
+        """Append one exposure to frames.jsonl: with its noise-free mosaic, or its laser planes where the laser shone."""
+        line = {
+            "id": unique_id,
+            "camera": camera,
+            "time_s": time_s,
+            "axes_deg": {
+                "turntable": degrees(pose.turntable_rad),
+                "light_arc": degrees(pose.light_arc_rad),
+                "arm": degrees(pose.arm_rad),
+            },
+            "lamps": dict(pose.lamps),
+            "laser": self._laser(pose),
+            "sample": pose.sample,
+            "board_pose": pose.board_pose,
+            "exposure_s": exposure_s,
+            "radiance": None if pose.laser_on else self._radiance_path(camera, pose),
+        }
+        self._folder.mkdir(parents=True, exist_ok=True)
+        with (self._folder / "frames.jsonl").open("a", encoding="utf-8") as frames:
+            frames.write(json.dumps(line) + "\n")
+
+    def tell(self, what: str, pose: Pose, **arguments: Any) -> dict[str, Any]:
+        """Write one kind of truth at a pose; returns {"path": ...} and what else the kind's own method names.
+
+        `what`: displacement, points, radiance, cameras, lamps, laser, board, srf, btf. Raises ValueError for another.
+        """
+        tellers: dict[str, Callable[..., dict[str, Any]]] = {
+            "displacement": self.displacement,
+            "points": self.points,
+            "radiance": self.radiance,
+            "cameras": self.cameras,
+            "lamps": self.lamps,
+            "laser": self.laser,
+            "board": self.board,
+            "srf": self.srf,
+            "btf": self.btf,
+        }
+        if what not in tellers:
+            raise ValueError(f"no truth named {what!r}: one of {', '.join(tellers)}")
+        return tellers[what](pose, **arguments)
+
+    def displacement(self, pose: Pose, camera: str, texels: int) -> dict[str, Any]:
+        """Displacement (texels, texels) in metres along the view rays through the texel centres, NaN where none hits.
+
+        From the point where the ray of the camera's true place crosses z = 0 to the first hit. "lit_path": which of
+        the hits (texels, texels) the laser, as mounted and standing in this pose, can reach; "points_path": the hits
+        (texels, texels, 3), rig frame.
+        """
+        eye_m = self._camera(camera).rig_from_camera[:3, 3]
+        centres = self._studio.to_rig(pose, self._texels(texels, 1))
+        hits = self._toward(pose, eye_m, centres)
+        points = np.full((texels**2, 3), np.nan)
+        points[hits.ray] = self._studio.to_rig(pose, hits.points)
+        lit = np.zeros(texels**2, bool)
+        source = self._studio.layout.laser.source(pose.light_arc_rad, pose.laser_elevation_rad)
+        lit[hits.ray] = self._studio.lit(pose, hits, source)
+        depth = np.linalg.norm(points - centres, axis=1).reshape(texels, texels)
+        key = (camera, texels)
+        return {
+            "path": self._save("displacement", pose, key, depth),
+            "lit_path": self._save("lit", pose, key, lit.reshape(texels, texels)),
+            "points_path": self._save("texel-points", pose, key, points.reshape(texels, texels, 3)),
+        }
+
+    def points(self, pose: Pose, camera: str) -> dict[str, Any]:
+        """First hits (h, w, 3) of the pixels' rays, rig frame, metres; NaN where a pixel sees nothing."""
+        device = self._camera(camera)
+        eye_m = device.rig_from_camera[:3, 3]
+        hits = self._studio.trace(pose, eye_m, rays(device, sample_points(device, 1)))
+        points = np.full((device.height_px * device.width_px, 3), np.nan)
+        points[hits.ray] = self._studio.to_rig(pose, hits.points)
+        return {"path": self._save("points", pose, camera, points.reshape(device.height_px, device.width_px, 3))}
+
+    def radiance(self, pose: Pose, camera: str) -> dict[str, Any]:
+        """The noise-free mosaic (h, w), electrons per second, under the lamps that shine."""
+        return {"path": str(self._folder / self._radiance_path(camera, pose))}
+
+    def cameras(self, pose: Pose) -> dict[str, Any]:
+        """True optics of every camera: matrix, distortion (k1, k2), rig_from_camera, size."""
+        record = {
+            name: {
+                "matrix": camera.matrix.tolist(),
+                "distortion": list(camera.distortion),
+                "rig_from_camera": camera.rig_from_camera.tolist(),
+                "width_px": camera.width_px,
+                "height_px": camera.height_px,
+            }
+            for name, camera in self._studio.layout.cameras.items()
+        }
+        return {"path": self._write("cameras", None, record), "cameras": record}
+
+    def lamps(self, pose: Pose) -> dict[str, Any]:
+        """True position (m, rig frame) of every lamp in this pose."""
+        record = {
+            name: {
+                "position_m": self._studio.lamp(pose, name).position_m.tolist(),
+                "level": dict(pose.lamps).get(name, 0.0),
+            }
+            for name in self._studio.layout.lamps
+        }
+        return {"path": self._write("lamps", pose, record), "lamps": record}
+
+    def laser(self, pose: Pose) -> dict[str, Any]:
+        """True source (m, rig frame), width, and the planes at the exposure's start and end where the laser shines."""
+        record = self._laser(pose) | {"sigma_m": self._studio.layout.laser.sigma_m}
+        return {"path": self._write("laser", pose, record), "laser": record}
+
+    def board(self, pose: Pose) -> dict[str, Any]:
+        """True rig_from_board of the ChArUco board in this pose."""
+        record = {"rig_from_board": self._studio.rig_from_scene(pose).tolist()}
+        return {"path": self._write("board", pose, record), "board": record}
+
+    def srf(
+        self, pose: Pose, camera: str = "front", lamp: str = "led", arm_deg: list[float] | None = None, size: int = 256
+    ) -> dict[str, Any]:
+        """True reflectance maps R(p, q) (light, q, p, 3) of the sphere, one per arm angle, NaN where it is not seen.
+
+        Cell (row, column) has p, q = (column, row + 0.5) * 2 / size - 1 and the normal (p, q, -1) / |.| in the
+        camera's axes. Values: radiance over the irradiance on a surface at the sphere's centre that faces the lamp,
+        the cosine inside. "centre_px" and "radius_px" are the circle through the sphere's limb in the image.
+        """
+        device = self._camera(camera)
+        scene = self._studio.scene("sphere")
+        assert isinstance(scene, SphereScene)
+        grid = (np.arange(size) + 0.5) * 2 / size - 1
+        q, p = np.meshgrid(grid, grid, indexing="ij")
+        normals = np.stack([p, q, -np.ones_like(p)], axis=-1).reshape(-1, 3)
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True) @ device.rig_from_camera[:3, :3].T
+        hits = scene.normal_hits(normals)
+        eye_m = device.rig_from_camera[:3, 3]
+        angles = [degrees(pose.arm_rad)] if arm_deg is None else arm_deg
+        maps = [self._sphere_map(hits, lamp, radians(angle), eye_m) for angle in angles]
+        hidden = np.einsum("nk,nk->n", normals, eye_m - hits.points) <= 0
+        stack = np.where(hidden[:, None], np.nan, np.stack(maps)).reshape(len(angles), size, size, 3)
+        centre_px, radius_px = limb_circle(device, scene.layout.radius_m)
+        path = self._save("srf", None, (camera, lamp, tuple(angles), size), stack.astype(np.float32))
+        return {"path": path, "centre_px": centre_px.tolist(), "radius_px": radius_px}
+
+    def _sphere_map(self, hits: Hits, lamp: str, arm_rad: float, eye_m: Array) -> Floats:
+        pose = Pose("sphere", 0, 0.0, 0.0, arm_rad, (), 0.0, False, None)
+        return self._studio.lamp_radiance(pose, hits, self._studio.lamp(pose, lamp), eye_m)
+
+    def btf(self, pose: Pose, camera: str, lamp: str, texels: int, samples: int = 3) -> dict[str, Any]:
+        """True BTF image (texels, texels, 3) for the lamp and the camera as they stand in this pose.
+
+        Radiance toward the camera's true place over the lamp's irradiance on the reference plane, mean over samples x
+        samples points of each texel; 1/sr, NaN where the lamp is under the plane's horizon.
+        """
+        eye_m, light = self._camera(camera).rig_from_camera[:3, 3], self._studio.lamp(pose, lamp)
+        where = self._studio.to_rig(pose, self._texels(texels, samples))
+        hits = self._toward(pose, eye_m, where)
+        seen = np.full((len(where), 3), np.nan)
+        seen[hits.ray] = self._studio.lamp_radiance(pose, hits, light, eye_m)
+        ratio = seen / _plane_irradiance(light, where)[:, None]
+        image = ratio.reshape(texels, texels, samples**2, 3).mean(axis=2).astype(np.float32)
+        return {"path": self._save("btf", pose, (camera, lamp, texels, samples), image)}
+
+    def _camera(self, name: str) -> CameraLayout:
+        cameras = self._studio.layout.cameras
+        if name not in cameras:
+            raise ValueError(f"no camera {name!r}: one of {', '.join(cameras)}")
+        return cameras[name]
+
+    def _texels(self, texels: int, samples: int) -> Array:
+        """Points (texels^2 * samples^2, 3) of the sample square at z = 0, sample frame, texel by texel, row 0 at +y."""
+        side_m = self._studio.layout.holder.opening_m
+        inside = (np.arange(samples) + 0.5) / samples
+        row, col, down, right = np.meshgrid(np.arange(texels), np.arange(texels), inside, inside, indexing="ij")
+        x, y = (col + right) / texels * side_m - side_m / 2, side_m / 2 - (row + down) / texels * side_m
+        return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+
+    def _toward(self, pose: Pose, eye_m: Array, targets_m: Array) -> Hits:
+        way = targets_m - eye_m
+        return self._studio.trace(pose, eye_m, way / np.linalg.norm(way, axis=1, keepdims=True))
+
+    def _laser(self, pose: Pose) -> dict[str, Any]:
+        laser = self._studio.layout.laser
+        source = laser.source(pose.light_arc_rad, pose.laser_elevation_rad)
+        record: dict[str, Any] = {"on": pose.laser_on, "source_m": source.tolist(), "fan_rad": None, "planes": []}
+        if pose.laser_on and pose.laser_sweep is not None:
+            planes = [laser.plane(pose.light_arc_rad, pose.laser_elevation_rad, fan) for fan in pose.laser_sweep]
+            record["fan_rad"] = list(pose.laser_sweep)
+            record["planes"] = [{"normal": normal.tolist(), "offset_m": offset} for normal, offset in planes]
+        return record
+
+    def _radiance_path(self, camera: str, pose: Pose) -> str:
+        key = ("radiance", camera, pose)
+        if key not in self._known:
+            path = self._save("radiance", pose, camera, self._rate(camera, pose))
+            self._known[key] = str(Path(path).relative_to(self._folder))
+        return self._known[key]
+
+    def _save(self, what: str, pose: Pose | None, key: object, values: np.ndarray) -> str:
+        path = self._name(what, pose, key, "npy")
+        if not path.exists():
+            np.save(path, values)
+        return str(path)
+
+    def _write(self, what: str, pose: Pose | None, record: dict[str, Any]) -> str:
+        path = self._name(what, pose, None, "json")
+        path.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        return str(path)
+
+    def _name(self, what: str, pose: Pose | None, key: object, suffix: str) -> Path:
+        digest = hashlib.blake2b(repr((pose, key)).encode(), digest_size=8).hexdigest()
+        folder = self._folder / what
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder / f"{digest}.{suffix}"
+
+
+def limb_circle(camera: CameraLayout, radius_m: float) -> tuple[Array, float]:
+    """Centre (2,) and radius in pixels of the circle fitted to the image of a sphere's limb, sphere at the origin."""
+    eye_m = camera.rig_from_camera[:3, 3]
+    distance = float(np.linalg.norm(eye_m))
+    axis = eye_m / distance
+    side = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)[:, None]
+    ring = np.cos(angle) * side + np.sin(angle) * np.cross(axis, side)
+    sine = radius_m / distance  # the limb's circle lies this share of the radius toward the eye
+    limb = project(camera, radius_m * (sine * axis + np.sqrt(1 - sine**2) * ring))
+    centre: Array = limb.mean(axis=0)
+    return centre, float(np.linalg.norm(limb - centre, axis=1).mean())
+
+
+def _plane_irradiance(lamp: Lamp, points_m: Array) -> Array:
+    """Irradiance (n,) of the reference plane at points (n, 3) of it; NaN where the lamp is not above it."""
+    way = lamp.position_m - points_m
+    square = np.sum(way**2, axis=1)
+    cosine = way[:, 2] / np.sqrt(square)
+    return np.where(cosine > 0, lamp.level * lamp.reach_m**2 / square * cosine, np.nan)

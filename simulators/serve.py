@@ -16,7 +16,7 @@ from simulators.lamps import Widget
 from simulators.laser_unit import Brick, Tower
 from simulators.line import Line
 from simulators.optics import Optics
-from simulators.ptpip import Responder
+from simulators.ptp_ip import Responder
 from simulators.shutter import Shutter
 from simulators.wires import HEAD_START_S, Loop, Pty, TcpConnection, TcpPort
 from simulators.world import World

@@ -1,0 +1,42 @@
+"""Which materials can be drawn: for each its module, with `upload` for the card and `outgoing` in NumPy.
+
+A further material is one module, one shader and one line here.
+"""
+
+from types import ModuleType
+
+import moderngl
+
+from processing.products import FactoredBtf, Srf
+from render import btf, flat, srf
+from render.arrays import Float64, Rows
+from render.errors import MaterialError
+from render.flat import FlatTexture
+from render.programs import Binding
+
+Material = Srf | FactoredBtf | FlatTexture
+
+_MODULES: dict[type, ModuleType] = {Srf: srf, FactoredBtf: btf, FlatTexture: flat}
+
+
+def upload(context: moderngl.Context, material: Material) -> Binding:
+    """The material's textures and numbers on the card; raises MaterialError for what cannot be drawn."""
+    binding: Binding = _module(material).upload(context, material)
+    return binding
+
+
+def outgoing(material: Material, uv: Rows, light: Rows, view: Rows) -> Float64:
+    """Radiance (n, 3) for unit irradiance at normal incidence.
+
+    `uv` (n, 2); `light` and `view` (n, 3) are unit vectors in the tangent frame. The cosine to the light is inside.
+    """
+    radiance: Float64 = _module(material).outgoing(material, uv, light, view)
+    return radiance
+
+
+def _module(material: Material) -> ModuleType:
+    module = _MODULES.get(type(material))
+    if module is None:
+        known = ", ".join(sorted(kind.__name__ for kind in _MODULES))
+        raise MaterialError(f"{type(material).__name__} is not a material that can be drawn; these are: {known}")
+    return module

@@ -1,0 +1,94 @@
+"""Shader sources with includes, and what the driver says about them in terms of file and line."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import moderngl
+
+from render.errors import ShaderError
+
+SHADERS = Path(__file__).parent / "shaders"
+_VERSION = "#version 330 core"
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+# Mesa writes 1:23(4), NVIDIA 1(23), others ERROR: 1:23.
+_PLACE = re.compile(r"\b(\d+)(?::(\d+)(?:\(\d+\))?|\((\d+)\))")
+
+
+@dataclass(frozen=True)
+class Binding:
+    """A material on the graphics card: its shader, and its textures and numbers by the names of the uniforms."""
+
+    shader: str
+    textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]
+    values: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
+
+    def use(self, program: moderngl.Program) -> None:
+        """Bind every texture and set every uniform that the program kept."""
+        for unit, (name, texture) in enumerate(self.textures.items()):
+            texture.use(unit)
+            set_uniform(program, name, unit)
+        for name, value in self.values.items():
+            set_uniform(program, name, value)
+
+    def release(self) -> None:
+        """Give the textures back."""
+        for texture in self.textures.values():
+            texture.release()
+
+
+def set_uniform(program: moderngl.Program, name: str, value: float | tuple[float, ...]) -> None:
+    """Set a uniform unless the linker has removed it because the shader's variant does not read it."""
+    member = program.get(name, None)
+    if isinstance(member, moderngl.Uniform):
+        member.value = value
+
+
+def compile_program(
+    context: moderngl.Context, vertex: str, fragment: str, defines: frozenset[str] = frozenset(), folder: Path = SHADERS
+) -> moderngl.Program:
+    """Compile and link two files of `folder`; raises ShaderError that names the file and the line."""
+    files: list[str] = []
+    sources = [_assemble(folder, name, defines, files) for name in (vertex, fragment)]
+    try:
+        return context.program(vertex_shader=sources[0], fragment_shader=sources[1])
+    except moderngl.Error as error:
+        raise ShaderError(f"{vertex} + {fragment}: {_with_file_names(str(error), files)}") from error
+
+
+def _assemble(folder: Path, name: str, defines: frozenset[str], files: list[str]) -> str:
+    head = [_VERSION, *(f"#define {define}" for define in sorted(defines))]
+    return "\n".join([*head, *_lines(folder, name, files, set())]) + "\n"
+
+
+def _lines(folder: Path, name: str, files: list[str], seen: set[str]) -> list[str]:
+    """The file's lines with `#include "name"` replaced by that file, once, and `#line` marks around it."""
+    seen.add(name)
+    try:
+        text = (folder / name).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ShaderError(f"{name}: the shader cannot be read: {error.strerror}") from error
+    number = len(files)
+    files.append(name)
+    lines = [f"#line 1 {number}"]
+    for index, line in enumerate(text.splitlines(), start=1):
+        included = _INCLUDE.match(line)
+        if included is None:
+            lines.append(line)
+        elif included[1] not in seen:
+            lines += [*_lines(folder, included[1], files, seen), f"#line {index + 1} {number}"]
+        else:
+            lines.append("")
+    return lines
+
+
+def _with_file_names(message: str, files: list[str]) -> str:
+    """The driver's message with `file:line` in place of its source numbers."""
+
+    def named(place: re.Match[str]) -> str:
+        number = int(place[1])
+        return f"{files[number]}:{place[2] or place[3]}" if number < len(files) else place[0]
+
+    wanted = [line.strip() for line in message.splitlines() if "error" in line.lower()]
+    return "; ".join(_PLACE.sub(named, line) for line in wanted) or message.strip()

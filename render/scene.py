@@ -1,0 +1,97 @@
+"""What is drawn: a mesh with a material, seen by a camera, lit from directions."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from render.arrays import Float64, Rows, unit
+from render.camera import Camera, look_at
+from render.errors import SceneError
+from render.materials import Material
+from render.mesh import Mesh
+
+MAX_LIGHTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """A directional light.
+
+    `direction` (3,) is the unit vector from the object toward the light, in the world frame; `irradiance` (3,) falls
+    on a surface that faces it.
+    """
+
+    direction: Float64
+    irradiance: Float64
+
+
+def light(azimuth_rad: float, elevation_rad: float, irradiance: float | Sequence[float] = 1.0) -> Light:
+    """A light at an azimuth from +X toward +Y and an elevation over the horizon."""
+    cos_elevation = np.cos(elevation_rad)
+    direction = [np.cos(azimuth_rad) * cos_elevation, np.sin(azimuth_rad) * cos_elevation, np.sin(elevation_rad)]
+    return Light(np.array(direction), np.broadcast_to(np.asarray(irradiance, dtype=np.float64), 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Mesh, material, camera and 1 to 4 lights.
+
+    `ambient` (3,) is irradiance that reaches every point as if from straight above its surface; zero unless wanted.
+    Raises SceneError for no light or more than four.
+    """
+
+    mesh: Mesh
+    material: Material
+    camera: Camera
+    lights: tuple[Light, ...]
+    ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.lights) <= MAX_LIGHTS:
+            raise SceneError(f"{len(self.lights)} lights: a scene has 1 to {MAX_LIGHTS}")
+
+
+def framed(
+    mesh: Mesh, size: tuple[int, int], *, azimuth_rad: float, elevation_rad: float, field_of_view_rad: float = 0.45
+) -> Camera:
+    """A camera that looks at the mesh's centre from a direction and sees all of it with a small margin.
+
+    `size` is (width, height). The distance is the smallest one at which every vertex falls within 88 % of the window.
+    """
+    centre = 0.5 * (mesh.positions.min(axis=0) + mesh.positions.max(axis=0))
+    direction = light(azimuth_rad, elevation_rad).direction
+    radius = float(np.linalg.norm(mesh.positions - centre, axis=1).max())
+    up = (0.0, 1.0, 0.0) if abs(direction[2]) > 0.999 else (0.0, 0.0, 1.0)
+
+    def seen_from(distance: float) -> Camera:
+        eye = centre + distance * direction
+        return look_at(eye, centre, size, field_of_view_rad=field_of_view_rad, up=up)
+
+    nearest, farthest = 1.01 * radius, 1.2 * radius / np.sin(0.5 * field_of_view_rad)
+    for _ in range(24):
+        middle = 0.5 * (nearest + farthest)
+        nearest, farthest = (nearest, middle) if _fits(seen_from(middle), mesh.positions, 0.88) else (middle, farthest)
+    return seen_from(farthest)
+
+
+def _fits(camera: Camera, positions: Rows, share: float) -> bool:
+    """Whether every point falls within that share of the window, seen from its centre."""
+    homogeneous = camera.in_camera(positions) @ camera.matrix.T
+    image_px = homogeneous[:, :2] / homogeneous[:, 2:]
+    half_px = 0.5 * np.array(camera.size)
+    return bool((np.abs(image_px - (half_px - 0.5)) <= share * half_px).all())
+
+
+def orbiting_light(scene: Scene, frames: int, *, arc_rad: float = 2.0 * np.pi) -> Iterator[Scene]:
+    """The scene once per frame while its first light turns about the world's Z axis.
+
+    A full turn is a loop without a doubled frame; a smaller arc swings to and fro around the light's own azimuth.
+    """
+    turn = np.arange(frames) / frames
+    angles_rad = arc_rad * turn if arc_rad >= 2.0 * np.pi else 0.5 * arc_rad * np.sin(2.0 * np.pi * turn)
+    for angle_rad in angles_rad:
+        cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+        about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        moved = replace(scene.lights[0], direction=unit(about_z @ scene.lights[0].direction))
+        yield replace(scene, lights=(moved, *scene.lights[1:]))

@@ -1,0 +1,35 @@
+// Sum of eigenmaps over light times weights over view (processing.products.FactoredBtf.evaluate), times the cosine.
+#include "bilinear.glsl"
+#include "directions.glsl"
+
+uniform sampler2DArray eigenmaps;   // layer k * lights + light
+uniform sampler2D view_weights;     // column view, row k
+uniform sampler2D light_cells;
+uniform sampler2D light_triangles;
+uniform sampler2D view_cells;
+uniform sampler2D view_triangles;
+uniform int rank;
+uniform int lights;
+
+vec3 outgoing(vec2 uv, vec3 light, vec3 view) {
+    if (light.z <= 0.0) {
+        return vec3(0.0);
+    }
+    Taps taps = bilinear_taps(uv, textureSize(eigenmaps, 0).xy, true);
+    Corners lit = direction_corners(light_cells, light_triangles, light);
+    Corners seen = direction_corners(view_cells, view_triangles, view);
+    vec3 total = vec3(0.0);
+    for (int k = 0; k < rank; ++k) {
+        int layer = k * lights;
+        vec3 map = lit.weights.x * bilinear(eigenmaps, layer + lit.indices.x, taps)
+                 + lit.weights.y * bilinear(eigenmaps, layer + lit.indices.y, taps)
+                 + lit.weights.z * bilinear(eigenmaps, layer + lit.indices.z, taps);
+        float weight = seen.weights.x * texelFetch(view_weights, ivec2(seen.indices.x, k), 0).r
+                     + seen.weights.y * texelFetch(view_weights, ivec2(seen.indices.y, k), 0).r
+                     + seen.weights.z * texelFetch(view_weights, ivec2(seen.indices.z, k), 0).r;
+        total += weight * map;
+    }
+    return total * light.z;
+}
+
+#include "surface.glsl"

@@ -1,0 +1,31 @@
+"""The spatially varying residual function on the graphics card; its shader is shaders/srf.frag."""
+
+import moderngl
+import numpy as np
+
+from processing.products import Srf
+from render.arrays import Float64, Rows
+from render.programs import Binding
+from render.textures import texture_array
+
+SHADER = "srf.frag"
+
+
+def upload(context: moderngl.Context, srf: Srf) -> Binding:
+    """Three layers, one for each of s_t, s_b, s_n, their channels as colour; undetermined texels are 0."""
+    layers = np.nan_to_num(np.moveaxis(srf.residual, (3, 0), (0, 3)))
+    return Binding(
+        SHADER,
+        {"residual": texture_array(context, layers, "SRF map")},
+        {
+            "diffuse": tuple(map(float, srf.phong.diffuse)),
+            "specular": tuple(map(float, srf.phong.specular)),
+            "exponent": float(srf.phong.exponent),
+            "wrap": bool(srf.wrap),
+        },
+    )
+
+
+def outgoing(srf: Srf, uv: Rows, light: Rows, view: Rows) -> Float64:
+    """Radiance (n, 3) for unit irradiance on a surface that faces the light, in NumPy."""
+    return srf.evaluate(uv, light, view)

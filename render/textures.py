@@ -1,0 +1,34 @@
+"""Float textures for texelFetch: the shaders filter by hand, since hardware filters with 8-bit weights."""
+
+import moderngl
+import numpy as np
+
+from render.arrays import Rows
+from render.errors import MaterialError
+
+
+def texture_array(context: moderngl.Context, layers: Rows, what: str) -> moderngl.TextureArray:
+    """Layers (layer, y, x, 3) as float32; raises MaterialError where the graphics library has no room."""
+    count, height, width, channels = layers.shape
+    if channels != 3:
+        raise MaterialError(f"{what}: {channels} channels, the preview draws 3")
+    for limit, value, unit in (
+        ("GL_MAX_ARRAY_TEXTURE_LAYERS", count, "layers"),
+        ("GL_MAX_TEXTURE_SIZE", max(height, width), "texels a side"),
+    ):
+        if value > context.info[limit]:
+            raise MaterialError(f"{what}: {value} {unit}, the graphics library takes {context.info[limit]}")
+    # Four components lie on whole words: a fetch of three was measured to cost a quarter more.
+    data = np.zeros((count, height, width, 4), dtype=np.float32)
+    data[..., :3] = layers
+    return context.texture_array((width, height, count), 4, data.tobytes(), dtype="f4", alignment=1)
+
+
+def table(context: moderngl.Context, values: Rows) -> moderngl.Texture:
+    """A table (row, column, component) as a float32 texture; whole numbers up to 2^24 stay exact."""
+    height, width, components = values.shape
+    limit = context.info["GL_MAX_TEXTURE_SIZE"]
+    if max(height, width) > limit:
+        raise MaterialError(f"a table of {height} x {width} numbers: the graphics library takes {limit} a side")
+    data = np.ascontiguousarray(values, dtype=np.float32)
+    return context.texture((width, height), components, data.tobytes(), dtype="f4", alignment=1)

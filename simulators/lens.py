@@ -1,5 +1,6 @@
 """From scene points to pixels and back: pinhole, radial distortion, vignetting."""
 
+import numba
 import numpy as np
 
 from simulators.layout import Array, CameraLayout
@@ -21,22 +22,35 @@ def project(camera: CameraLayout, points_m: Array) -> Array:
 
 def rays(camera: CameraLayout, uv_px: Array) -> Array:
     """Unit directions (n, 3), rig frame, of the rays through image points (n, 2)."""
-    distorted = (uv_px - camera.matrix[:2, 2]) / camera.matrix[[0, 1], [0, 1]]
-    plane = distorted
-    for _ in range(12):  # a fixed point: the factor differs from 1 by a few thousandths, so each round gains two digits
-        plane = distorted / _distortion(camera, np.sum(plane**2, axis=1))[:, None]
-    local = np.column_stack([plane, np.ones(len(plane))])
-    directions: Array = local @ camera.rig_from_camera[:3, :3].T
-    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = np.empty((len(uv_px), 3))
+    matrix, (k1, k2) = camera.matrix, camera.distortion
+    lens = (float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2]), k1, k2)
+    _rays(uv_px, lens, camera.rig_from_camera[:3, :3].copy(), directions)
+    return directions
+
+
+@numba.njit(cache=True)
+def _rays(uv: Array, lens: tuple[float, float, float, float, float, float], turn: Array, out: Array) -> None:
+    focal_u, focal_v, centre_u, centre_v, k1, k2 = lens
+    for i in range(len(uv)):
+        bent_x, bent_y = (uv[i, 0] - centre_u) / focal_u, (uv[i, 1] - centre_v) / focal_v
+        x, y = bent_x, bent_y
+        for _ in range(8):  # a fixed point: the factor is 1 to a few thousandths, so each round gains two digits
+            square = x * x + y * y
+            factor = 1 + square * (k1 + square * k2)
+            x, y = bent_x / factor, bent_y / factor
+        length = np.sqrt(x * x + y * y + 1)
+        for k in range(3):
+            out[i, k] = (turn[k, 0] * x + turn[k, 1] * y + turn[k, 2]) / length
 
 
 def sample_points(camera: CameraLayout, samples: int) -> Array:
     """Image points uv_px (h * w * samples^2, 2): samples x samples in each pixel, pixel by pixel."""
     inside = (np.arange(samples) + 0.5) / samples - 0.5
-    v, u, dv, du = np.meshgrid(
-        np.arange(camera.height_px), np.arange(camera.width_px), inside, inside, indexing="ij"
-    )  # fmt: skip
-    return np.column_stack([(u + du).ravel(), (v + dv).ravel()])
+    image = np.empty((camera.height_px, camera.width_px, samples, samples, 2))
+    image[..., 0] = np.arange(camera.width_px)[None, :, None, None] + inside
+    image[..., 1] = np.arange(camera.height_px)[:, None, None, None] + inside[:, None]
+    return image.reshape(-1, 2)
 
 
 def vignette(camera: CameraLayout) -> Floats:
@@ -45,7 +59,7 @@ def vignette(camera: CameraLayout) -> Floats:
     plane = (uv - camera.matrix[:2, 2]) / camera.matrix[0, 0]
     square = np.sum(plane**2, axis=1)
     corner = (camera.width_px**2 + camera.height_px**2) / (2 * camera.matrix[0, 0]) ** 2
-    share = (1 - FALLOFF * square / corner) / (1 + square) ** 2
+    share: Array = (1 - FALLOFF * square / corner) / (1 + square) ** 2
     return share.reshape(camera.height_px, camera.width_px).astype(np.float32)
 
 

@@ -61,7 +61,8 @@ def stripe_profile(angles: Array, widths: Array, sweep: tuple[float, float]) -> 
 
 @numba.njit(cache=True)
 def _dot(a: Array, b: Array) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
 
 
 @numba.njit(cache=True)
@@ -73,7 +74,8 @@ def _glossy(n_l: float, n_v: float, n_h: float, v_h: float, gloss: tuple[float, 
     facets = square / (pi * spread * spread)
     hidden = n_l * np.sqrt(square + (1 - square) * n_v * n_v) + n_v * np.sqrt(square + (1 - square) * n_l * n_l)
     fresnel = specular + (1.0 - specular) * (1.0 - v_h) ** 5
-    return 0.5 * facets * fresnel / hidden
+    reflectance: float = 0.5 * facets * fresnel / hidden
+    return reflectance
 
 
 @numba.njit(cache=True)
@@ -102,14 +104,19 @@ def _radiance(
 
 
 @numba.njit(cache=True)
-def gather(values: Floats, ray: NDArray[np.int64], shape: tuple[int, int, int], gains: Array, mosaic: Floats) -> None:
-    """Add the hits' values (n, 3), times the gain of the pixel's channel, to an RGGB mosaic (h, w).
-
-    `shape` is (h, w, rays per pixel); rays are numbered pixel by pixel, and each counts as its share of the pixel.
-    """
-    _, width, per_pixel = shape
+def gather(values: Floats, ray: NDArray[np.int64], per_pixel: int, image: Floats) -> None:
+    """Add the hits' values (n, 3) to an image (h, w, 3); `per_pixel` rays, numbered pixel by pixel, share a pixel."""
+    width = image.shape[1]
     for i in range(len(ray)):
         pixel = ray[i] // per_pixel
-        row, col = pixel // width, pixel % width
-        k = row % 2 + col % 2
-        mosaic[row, col] += values[i, k] * gains[k] / per_pixel
+        for k in range(3):
+            image[pixel // width, pixel % width, k] += values[i, k] / per_pixel
+
+
+@numba.njit(cache=True)
+def through_filters(image: Floats, gains: Array, mosaic: Floats) -> None:
+    """What the sensor's RGGB filters leave of an image (h, w, 3), each channel with its gain, in a mosaic (h, w)."""
+    for row in range(mosaic.shape[0]):
+        for col in range(mosaic.shape[1]):
+            k = row % 2 + col % 2
+            mosaic[row, col] = image[row, col, k] * gains[k]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,16 +26,18 @@ from simulators.light import (
     radiance,
     stripe_angles,
     stripe_profile,
+    through_filters,
 )
 from simulators.pose import Pose
 from simulators.recent import Recent
 from simulators.scene import Floats, Hits
 from simulators.sensor import Sensor, generator
 from simulators.studio import Studio
-from simulators.truth import Truth
+from simulators.truth import Argument, Truth
 
-SAMPLES = {"small": (2, 4), "full": (1, 2)}  # rays per pixel along each axis; the second for the printed board's edges
+SAMPLES = {"small": (2, 3), "full": (1, 2)}  # rays per pixel along each axis; the second for the printed board's edges
 SPECKLE = 0.03  # contrast
+BLUR_PX = 0.5  # standard deviation of the lens and the sensor's low-pass filter; the laser is taken as sharp
 VIEW_BYTES, MOSAIC_BYTES = 256 << 20, 64 << 20
 ISO, F_NUMBER, PIXEL_PITCH_M = 100, 8.0, 6e-6
 
@@ -108,12 +111,12 @@ class Optics:
         self._truth.note_frame(unique_id, camera, pose, exposure_s=exposure_s, time_s=time_s)
         return encode_dng(counts, self._raw_file(camera, serial, exposure_s, time_s, unique_id))
 
-    def truth(self, what: str, pose: Pose, **arguments: Any) -> dict[str, Any]:
+    def truth(self, what: str, pose: Pose, **arguments: Argument) -> dict[str, Any]:
         """Write one kind of truth of a pose into the truth folder and say where; see `simulators.truth.Truth`."""
         return self._truth.tell(what, pose, **arguments)
 
     def rate(self, camera: str, pose: Pose) -> Floats:
-        """Noise-free mosaic (h, w) of a pose without the laser, electrons per second: dark current, stray light, lamps."""
+        """Noise-free mosaic (h, w) in electrons per second, all but the laser: dark current, stray light, lamps."""
         rate = self._dark_rate(camera, pose)
         for name, level in pose.lamps:
             rate = rate + np.float32(level) * self._lamp_rate(camera, pose, name)
@@ -155,8 +158,11 @@ class Optics:
 
     def _mosaic(self, camera: str, view: View, light: Floats) -> Floats:
         """Electron rates (h, w) of the hits' radiance (n, 3)."""
-        mosaic = np.zeros(self._shape(camera), np.float32)
-        gather(light, view.hits.ray, (*mosaic.shape, view.per_pixel), CHANNELS * ELECTRONS_PER_RADIANCE, mosaic)
+        image = np.zeros((*self._shape(camera), 3), np.float32)
+        gather(light, view.hits.ray, view.per_pixel, image)
+        image = np.asarray(cv2.GaussianBlur(image, (5, 5), BLUR_PX), np.float32)
+        mosaic = np.empty(image.shape[:2], np.float32)
+        through_filters(image, CHANNELS * ELECTRONS_PER_RADIANCE, mosaic)
         return mosaic * self._vignette(camera)
 
     def _stripe(self, camera: str, pose: Pose) -> Stripe:

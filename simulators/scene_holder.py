@@ -28,11 +28,11 @@ class HolderScene:
 
     def __post_init__(self) -> None:
         height = np.ascontiguousarray(self.relief.height_m)
-        n = len(height)
-        texel_m = self.relief.side_m / n
-        slope_row, slope_col = np.gradient(np.pad(height, 1, mode="wrap"), texel_m)
-        steep = np.stack([slope_col[1:-1, 1:-1], -slope_row[1:-1, 1:-1]], axis=-1)
-        object.__setattr__(self, "_slopes", steep)
+        texel_m = self.relief.side_m / len(height)
+        around = np.pad(height, 1, mode="wrap")  # the reliefs are periodic
+        along_x = (around[1:-1, 2:] - around[1:-1, :-2]) / (2 * texel_m)
+        along_y = (around[:-2, 1:-1] - around[2:, 1:-1]) / (2 * texel_m)
+        object.__setattr__(self, "_slopes", np.stack([along_x, along_y], axis=-1))
         object.__setattr__(self, "_field", (height, _block_heights(height), self.relief.side_m))
 
     @property
@@ -72,7 +72,8 @@ class HolderScene:
     def _relief_normals(self, points: Array) -> Floats:
         slopes = _sample(self.__dict__["_slopes"], points[:, 0], points[:, 1], self.relief.side_m)
         normals = np.column_stack([-slopes, np.ones(len(slopes))])
-        return (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+        length: Array = np.linalg.norm(normals, axis=1, keepdims=True)
+        return (normals / length).astype(np.float32)
 
     def _material(self, points: Array, on_relief: Mask) -> Material:
         relief = self.relief
@@ -120,7 +121,8 @@ def _height(field: Field, x: float, y: float) -> float:
     fc, fr = col - c, row - r
     upper = height[r, c] * (1 - fc) + height[r, c + 1] * fc
     lower = height[r + 1, c] * (1 - fc) + height[r + 1, c + 1] * fc
-    return upper * (1 - fr) + lower * fr
+    found: float = upper * (1 - fr) + lower * fr
+    return found
 
 
 @numba.njit(cache=True)

@@ -43,7 +43,7 @@ def brick_relief(side_m: float, seed: int, n: int = 512) -> Relief:
         n, rng
     )
     gloss = inside * _smooth_step(-0.2, 0.9, _noise(rng, n, 2, 12, 1.0))  # glazed patches
-    roughness = np.clip(0.78 - 0.2 * inside - 0.3 * gloss + 0.04 * _noise(rng, n, 10, 80, 0.5), 0.2, 1.0)
+    roughness = np.clip(0.85 - 0.25 * inside - 0.22 * gloss + 0.03 * _noise(rng, n, 10, 80, 0.5), 0.3, 1.0)
     specular = np.clip(0.006 + 0.03 * inside * pattern.per_brick(rng.uniform(0.5, 1.3, 18)) + 0.03 * gloss, 0.0, 0.12)
     return Relief(side_m, height, np.clip(albedo, 0.02, 0.85), specular, roughness)
 
@@ -88,7 +88,7 @@ def _heights(pattern: _Pattern, side_m: float, n: int, rng: np.random.Generator)
     top = pattern.per_brick(rng.uniform(-0.00105, -0.00055, count))
     top = top + pattern.per_brick(rng.uniform(-0.012, 0.012, count)) * pattern.along_m
     top = top + pattern.per_brick(rng.uniform(-0.03, 0.03, count)) * pattern.across_m
-    top = top + 0.00007 * _noise(rng, n, 3, 20, 1.0) + 0.000035 * _noise(rng, n, 20, 110, 0.7)
+    top = top + 0.00007 * _noise(rng, n, 3, 20, 1.0) + 0.000018 * _noise(rng, n, 18, 80, 0.9)
     pits = _smooth_step(1.3, 2.3, _noise(rng, n, 12, 50, 0.5))
     chips = _smooth_step(0.9, 1.9, _noise(rng, n, 4, 18, 0.8)) * np.exp(-np.maximum(pattern.edge_m, 0) / 0.0012)
     top = top - 0.0003 * pits - 0.0007 * chips

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.layout import SphereLayout
-from simulators.scene import Array, Hits, Mask, Material, matt
+from simulators.scene import Array, Hits, Mask, matt
 
-BUMP = 0.16  # how far the unevenness tilts the normal, as a slope
+BUMP = 0.11  # how far the unevenness tilts the normal, as a slope
 
 
 @dataclass(frozen=True)
@@ -79,14 +79,16 @@ def _stone(unit: Array, seed: int) -> tuple[NDArray[np.float32], Array]:
     warped = unit * 3.0 + 0.9 * np.column_stack([_fractal(unit * 2.0 + k * 7.7, seed + 1 + k, 3) for k in range(3)])
     vein = np.exp(-((_fractal(warped, seed + 5, 4) / 0.035) ** 2)) * _step(-0.3, 0.25, cloud)
     patch = _step(0.08, 0.32, _fractal(unit * 3.7 + 1.3, seed + 6, 4))
+    warm = _fractal(unit * 11.0, seed + 10, 3)
     grain = _fractal(unit * 38.0, seed + 7, 2)
     colour = _mix(np.array([0.085, 0.115, 0.095]), np.array([0.33, 0.36, 0.29]), _step(-0.45, 0.5, cloud))
-    colour = _mix(colour, np.array([0.44, 0.29, 0.16]), 0.85 * patch)
+    ochre = _mix(np.array([0.28, 0.17, 0.10]), np.array([0.52, 0.38, 0.22]), _step(-0.4, 0.4, warm))
+    colour = colour * (1 - 0.85 * patch[:, None]) + 0.85 * patch[:, None] * ochre
     colour = _mix(colour, np.array([0.74, 0.71, 0.64]), vein) * (1 + 0.55 * grain)[:, None]
     mica = _step(0.42, 0.55, _fractal(unit * 26.0 + 5.0, seed + 8, 1))
     polish = _step(-0.25, 0.25, _fractal(unit * 2.6 + 9.0, seed + 9, 3))
-    specular = 0.028 + 0.022 * polish + 0.06 * mica - 0.015 * vein
-    roughness = np.clip(0.50 - 0.20 * polish + 0.12 * patch + 0.1 * vein, 0.2, 1.0)
+    specular = 0.028 + 0.022 * polish + 0.035 * mica - 0.015 * vein
+    roughness = np.clip(0.54 - 0.16 * polish + 0.12 * patch + 0.1 * vein, 0.2, 1.0)
     stone = np.column_stack([np.clip(colour, 0.02, 0.85), specular, roughness])
     return _bumpy(unit, seed, vein), stone
 
@@ -98,11 +100,12 @@ def _bumpy(unit: Array, seed: int, vein: Array) -> NDArray[np.float32]:
     for k in range(3):
         shift = np.zeros(3)
         shift[k] = step
-        ahead, behind = (_fractal((unit + sign * shift) * 9.0, seed + 12, 3) for sign in (1, -1))
-        gradient[:, k] = (ahead - behind) / (2 * step * 9.0)
+        ahead, behind = (_fractal((unit + sign * shift) * 8.0, seed + 12, 2) for sign in (1, -1))
+        gradient[:, k] = (ahead - behind) / (2 * step * 8.0)
     along = np.einsum("nk,nk->n", gradient, unit)
     tilted = unit - (BUMP * (1 - 0.6 * vein))[:, None] * (gradient - along[:, None] * unit)
-    return (tilted / np.linalg.norm(tilted, axis=1, keepdims=True)).astype(np.float32)
+    unit_length: Array = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
+    return unit_length.astype(np.float32)
 
 
 def _mix(first: Array, second: Array, share: Array) -> Array:
@@ -145,8 +148,7 @@ def _gradient_noise(point: Array, seed: int) -> float:
             offset = inside[k] - bit
             away = abs(offset)
             weight *= 1 - away * away * away * (away * (away * 6 - 15) + 10)
-            state = _scramble(state)
-            slope += offset * (float(state >> np.uint64(11)) / 2.0**52 - 1.0)
+            slope += offset * (float((state >> np.uint64(21 * k)) & np.uint64(0x1FFFFF)) / 2.0**20 - 1.0)
         total += weight * slope
     return total
 

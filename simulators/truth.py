@@ -16,6 +16,8 @@ from simulators.scene import Floats, Hits
 from simulators.scene_sphere import SphereScene
 from simulators.studio import Lamp, Studio
 
+Argument = str | int | list[float]  # of a kind of truth, as the control port hands it on
+
 
 class Truth:
     """Writes what the simulators know into a folder.
@@ -31,7 +33,7 @@ class Truth:
         self._known: dict[object, str] = {}
 
     def note_frame(self, unique_id: str, camera: str, pose: Pose, *, exposure_s: float, time_s: float) -> None:
-        """Append one exposure to frames.jsonl: with its noise-free mosaic, or its laser planes where the laser shone."""
+        """Append one exposure to frames.jsonl: with its noise-free mosaic, or its laser planes if the laser shone."""
         line = {
             "id": unique_id,
             "camera": camera,
@@ -52,7 +54,7 @@ class Truth:
         with (self._folder / "frames.jsonl").open("a", encoding="utf-8") as frames:
             frames.write(json.dumps(line) + "\n")
 
-    def tell(self, what: str, pose: Pose, **arguments: Any) -> dict[str, Any]:
+    def tell(self, what: str, pose: Pose, **arguments: Argument) -> dict[str, Any]:
         """Write one kind of truth at a pose; returns {"path": ...} and what else the kind's own method names.
 
         `what`: displacement, points, radiance, cameras, lamps, laser, board, srf, btf. Raises ValueError for another.
@@ -70,7 +72,10 @@ class Truth:
         }
         if what not in tellers:
             raise ValueError(f"no truth named {what!r}: one of {', '.join(tellers)}")
-        return tellers[what](pose, **arguments)
+        try:
+            return tellers[what](pose, **arguments)
+        except TypeError as error:
+            raise ValueError(f"truth {what!r}: {error}") from error
 
     def displacement(self, pose: Pose, camera: str, texels: int) -> dict[str, Any]:
         """Displacement (texels, texels) in metres along the view rays through the texel centres, NaN where none hits.

@@ -1,0 +1,180 @@
+"""Capture plans: what a person asks for, as data. Degrees, millimetres and seconds; converted where steps are made.
+
+A plan is a TOML or JSON file whose `kind` decides which fields it has. Unknown fields are errors, so that a misspelt
+one is never ignored.
+"""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+
+from rig.errors import PlanError
+
+ANGLE_STEP_DEG = 0.01  # finest difference of two angles in a plan: one step of the coarsest axis
+EXPOSURE_STEP_S = 1e-4  # unit of PTP's exposure time (ISO 15740, property 0x500D)
+
+
+def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if len(set(values)) != len(values):
+        raise ValueError("names or numbers are repeated")
+    return values
+
+
+def _distinct_angles(values: tuple[float, ...]) -> tuple[float, ...]:
+    turn = round(360 / ANGLE_STEP_DEG)
+    if len({round(value / ANGLE_STEP_DEG) % turn for value in values}) != len(values):
+        raise ValueError(f"two angles are the same, modulo 360 deg and to {ANGLE_STEP_DEG} deg")
+    return values
+
+
+def _distinct_exposures(values: tuple[float, ...]) -> tuple[float, ...]:
+    if len({round(value / EXPOSURE_STEP_S) for value in values}) != len(values):
+        raise ValueError(f"two exposures are less than {EXPOSURE_STEP_S} s apart")
+    return values
+
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")]
+Degrees = Annotated[float, Field(strict=True, ge=-3600, le=3600)]
+Millimetres = Annotated[float, Field(strict=True, ge=-10_000, le=10_000)]
+Length = Annotated[float, Field(strict=True, gt=0, le=10_000)]
+Exposure = Annotated[float, Field(strict=True, ge=EXPOSURE_STEP_S, le=600)]
+Angles = Annotated[tuple[Degrees, ...], Field(min_length=1, max_length=10_000), AfterValidator(_distinct_angles)]
+Exposures = Annotated[tuple[Exposure, ...], Field(min_length=1, max_length=50), AfterValidator(_distinct_exposures)]
+Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=512), AfterValidator(_distinct)]
+Texels = Annotated[int, Field(strict=True, ge=4, le=4096)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Card(_Model):
+    """The matt white card beside the sphere; its centre in the rig frame, facing the camera."""
+
+    y_mm: Millimetres
+    z_mm: Millimetres
+    width_mm: Length
+    height_mm: Length
+    reflectance: float = Field(strict=True, gt=0, le=1)
+
+
+class SrfPlan(_Model):
+    """A sphere under a lamp that goes round it on the arm, seen by one camera."""
+
+    kind: Literal["srf"]
+    sample: Name = "sphere"
+    arm_deg: Angles
+    exposures_s: Exposures
+    camera: Name = "front"
+    lamp: Name = "led"
+    sphere_radius_mm: Length
+    card: Card
+
+
+class BtfPlan(_Model):
+    """A flat sample on the turntable under every lamp of the light arc; light azimuths in the sample frame."""
+
+    kind: Literal["btf"]
+    sample: Name = "brick"
+    turntable_deg: Angles
+    light_azimuth_deg: Angles
+    lamps: Names
+    cameras: Names
+    exposures_s: Exposures
+    texels: Texels
+
+
+class MdfPlan(_Model):
+    """Laser sweeps over a flat sample; laser azimuths in the rig frame, elevations are mountings by hand."""
+
+    kind: Literal["mdf"]
+    sample: Name = "brick"
+    turntable_deg: Angles
+    laser_azimuth_deg: Angles
+    laser_elevations_deg: Angles
+    cameras: Names
+    exposure_s: Exposure
+    frame_rate_hz: float = Field(strict=True, gt=0, le=240)
+    texels: Texels
+
+    @model_validator(mode="after")
+    def _exposure_fits_the_rate(self) -> "MdfPlan":
+        if self.exposure_s * self.frame_rate_hz > 1:
+            raise ValueError(f"exposure_s is longer than the {1 / self.frame_rate_hz:.4f} s between frames")
+        return self
+
+
+class CalibratePlan(_Model):
+    """A ChArUco board held in several poses; pose 0 lies flat on the reference plane and defines the rig frame."""
+
+    kind: Literal["calibrate"]
+    board_poses: int = Field(strict=True, ge=3, le=200)
+    lamp: Name
+    light_arc_deg: Degrees
+    cameras: Names
+    exposure_s: Exposure
+
+
+Plan = SrfPlan | BtfPlan | MdfPlan | CalibratePlan
+_PLAN: TypeAdapter[Plan] = TypeAdapter(Annotated[Plan, Field(discriminator="kind")])
+
+
+def load_plan(path: Path) -> Plan:
+    """Read a plan from a .toml or .json file. Raises PlanError that names the file, the field and what is wrong."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except OSError as error:
+        raise PlanError(f"{path}: cannot be read: {error.strerror}.") from error
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        language = "JSON" if path.suffix == ".json" else "TOML"
+        raise PlanError(f"{path}: not {language}: {error}") from error
+    return parse_plan(data, source=str(path))
+
+
+def parse_plan(data: object, *, source: str = "plan") -> Plan:
+    """Check plan data that came from a file or a request. Raises PlanError that names the source and the field."""
+    try:
+        return _PLAN.validate_python(data)
+    except ValidationError as error:
+        raise PlanError(f"{source}: {_first_problem(error)}") from error
+
+
+def plan_schema() -> dict[str, Any]:
+    """JSON schema of all kinds of plan."""
+    return _PLAN.json_schema()
+
+
+def plan_data(plan: Plan) -> dict[str, Any]:
+    """The plan as JSON data; `parse_plan` reads it back to an equal plan."""
+    return plan.model_dump(mode="json")
+
+
+def plan_sha256(plan: Plan) -> str:
+    """Hex digest of the plan's canonical JSON (sorted keys, no white space)."""
+    return hashlib.sha256(canonical_json(plan_data(plan)).encode()).hexdigest()
+
+
+def canonical_json(data: object) -> str:
+    """The one JSON text of this data: sorted keys, no white space."""
+    return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _first_problem(error: ValidationError) -> str:
+    first = error.errors()[0]
+    kinds = ("srf", "btf", "mdf", "calibrate")
+    path = [str(part) for part in first["loc"]]
+    where = ".".join(path[1:] if path and path[0] in kinds else path)
+    more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    field = f"field {where}: " if where else ""
+    return f"{field}{first['msg']} (got {_shown(first['input'])}){more}"
+
+
+def _shown(value: object) -> str:
+    keys = f"fields {', '.join(map(str, value))}" if isinstance(value, Mapping) else repr(value)
+    return keys if len(keys) <= 80 else f"{keys[:77]}..."

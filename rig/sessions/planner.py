@@ -1,0 +1,230 @@
+"""From a plan to ordered steps that this rig can take; everything is checked before anything moves.
+
+An axis runs straight from one angle to the next, so a path lies within the soft limits where both of its ends do, and a
+forbidden zone is one in which nothing may stand: passing through is harmless, because arms and arcs of different radius
+cannot touch and no picture is taken on the way.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import ceil
+
+from rig.config import LampConfig, LaserConfig, RigConfig
+from rig.errors import InterlockError, PlanError, UnknownDeviceError
+from rig.sessions.order import ordered
+from rig.sessions.plan import EXPOSURE_STEP_S, BtfPlan, CalibratePlan, MdfPlan, Plan, SrfPlan
+from rig.sessions.reach import reachable_deg, standby_deg
+from rig.sessions.step import Mount, Step, step_id, to_rad
+
+FRONT_BLOCKED_DEG = 5.0  # the 50 mm sphere at 1.1 m fills +-2.6 deg of the front camera; the rest is the lamp's housing
+SWEEP_ID = "sweep"
+
+
+@dataclass(frozen=True, slots=True)
+class Skip:
+    """Something that the plan names and the rig's geometry cannot use, and why."""
+
+    what: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """The steps in the order in which they are taken, and what was left out."""
+
+    steps: tuple[Step, ...]
+    skipped: tuple[Skip, ...]
+
+
+def expand(plan: Plan, config: RigConfig) -> tuple[Step, ...]:
+    """The steps of `schedule`."""
+    return schedule(plan, config).steps
+
+
+def schedule(plan: Plan, config: RigConfig) -> Schedule:
+    """Every step of the plan, ordered so that the operator mounts least and slow axes move least.
+
+    The result depends on the plan's content, not on the order of its lists. Raises UnknownDeviceError for a name that
+    is not in rig.toml, LimitError and InterlockError for an angle that an axis cannot take, PlanError where no step is
+    left or two are the same.
+    """
+    layout = _Layout(config)
+    match plan:
+        case SrfPlan():
+            steps = list(_srf(plan, layout))
+        case BtfPlan():
+            steps = list(_btf(plan, layout))
+        case MdfPlan():
+            steps = list(_mdf(plan, layout))
+        case CalibratePlan():
+            steps = list(_calibrate(plan, layout))
+    skipped = tuple(dict.fromkeys(layout.skipped))
+    _check_identity(steps, skipped)
+    return Schedule(ordered(steps, config), skipped)
+
+
+class _Layout:
+    """The rig's parts by name, and the reasons for what is skipped."""
+
+    def __init__(self, config: RigConfig) -> None:
+        self.config = config
+        self.skipped: list[Skip] = []
+
+    def axes_deg(self, wanted_deg: Mapping[str, float]) -> dict[str, float]:
+        """Angles of all axes of the rig: the wanted ones where the axis can take them, the others on standby."""
+        for name in wanted_deg:
+            _known("axis", name, self.config.axes)
+        return {
+            name: reachable_deg(name, axis, wanted_deg[name]) if name in wanted_deg else standby_deg(name, axis)
+            for name, axis in self.config.axes.items()
+        }
+
+    def lamp(self, name: str) -> LampConfig:
+        """Raises UnknownDeviceError."""
+        _known("lamp", name, self.config.lamps.lamp)
+        return self.config.lamps.lamp[name]
+
+    def laser(self) -> LaserConfig:
+        """Raises UnknownDeviceError where the rig has none."""
+        if self.config.laser is None:
+            raise UnknownDeviceError(
+                "the rig has no laser unit: rig.toml has no [laser]. A plan of kind mdf needs one."
+            )
+        return self.config.laser
+
+    def cameras(self, names: Iterable[str], *, flat_sample: bool) -> tuple[str, ...]:
+        """In the order of rig.toml, without those that would look at a flat sample from its edge or from below."""
+        wanted = set(names)
+        for name in sorted(wanted):
+            _known("camera", name, self.config.cameras)
+        chosen = [name for name in self.config.cameras if name in wanted]
+        for name in list(chosen):
+            elevation_deg = self.config.cameras[name].elevation_deg
+            if flat_sample and elevation_deg <= 0:
+                chosen.remove(name)
+                self.skip(f"camera {name}", f"at {elevation_deg:g} deg it does not see the upper side of a flat sample")
+        return tuple(chosen)
+
+    def skip(self, what: str, reason: str) -> None:
+        """Note what is left out."""
+        self.skipped.append(Skip(what, reason))
+
+
+def _srf(plan: SrfPlan, layout: _Layout) -> Iterator[Step]:
+    cameras = layout.cameras([plan.camera], flat_sample=False)
+    if layout.lamp(plan.lamp).mount != "arm":
+        raise PlanError(f"field lamp: {plan.lamp} sits on the light arc; a plan of kind srf turns the arm.")
+    for arm_deg in sorted(plan.arm_deg):
+        if abs(arm_deg) < FRONT_BLOCKED_DEG and layout.config.cameras[plan.camera].mount == "front":
+            layout.skip(f"arm {arm_deg:g} deg", f"the arm would stand before camera {plan.camera}")
+            continue
+        axes_deg = layout.axes_deg({"arm": arm_deg})
+        pose = _Pose({"sample": plan.sample}, axes_deg, ("arm",), cameras)
+        yield from pose.photographs(plan.lamp, plan.exposures_s)
+
+
+def _btf(plan: BtfPlan, layout: _Layout) -> Iterator[Step]:
+    cameras = layout.cameras(plan.cameras, flat_sample=True)
+    lamps = [name for name in plan.lamps if _lights_flat_sample(name, layout)]
+    for turntable_deg in sorted(plan.turntable_deg) if cameras else ():
+        for azimuth_deg in sorted(plan.light_azimuth_deg):
+            wanted_deg = {"turntable": turntable_deg, "light_arc": _wrapped(azimuth_deg + turntable_deg)}
+            try:
+                axes_deg = layout.axes_deg(wanted_deg)
+            except InterlockError as error:
+                layout.skip(f"turntable {turntable_deg:g} deg, light azimuth {azimuth_deg:g} deg", str(error))
+                continue
+            pose = _Pose({"sample": plan.sample}, axes_deg, ("turntable", "light_arc"), cameras)
+            for lamp in lamps:
+                yield from pose.photographs(lamp, plan.exposures_s)
+
+
+def _mdf(plan: MdfPlan, layout: _Layout) -> Iterator[Step]:
+    laser = layout.laser()
+    unknown = sorted(set(plan.laser_elevations_deg) - set(laser.elevations_deg))
+    if unknown:
+        known = ", ".join(f"{angle:g}" for angle in laser.elevations_deg)
+        raise PlanError(f"field laser_elevations_deg: no mounting at {unknown[0]:g} deg; rig.toml has {known}.")
+    cameras = layout.cameras(plan.cameras, flat_sample=True)
+    frames = ceil(laser.sweep_ticks / laser.ticks_per_s * plan.frame_rate_hz)
+    for elevation_deg in sorted(plan.laser_elevations_deg) if cameras else ():
+        mount: Mount = {"sample": plan.sample, "laser_elevation_deg": elevation_deg}
+        for turntable_deg in sorted(plan.turntable_deg):
+            for azimuth_deg in sorted(plan.laser_azimuth_deg):
+                axes_deg = layout.axes_deg({"turntable": turntable_deg, "light_arc": azimuth_deg})
+                pose = _Pose(mount, axes_deg, ("turntable", "light_arc"), cameras)
+                yield pose.sweep(plan.exposure_s, frames, 1 / plan.frame_rate_hz)
+
+
+def _calibrate(plan: CalibratePlan, layout: _Layout) -> Iterator[Step]:
+    cameras = layout.cameras(plan.cameras, flat_sample=True)
+    if layout.lamp(plan.lamp).mount != "light_arc":
+        raise PlanError(f"field lamp: {plan.lamp} sits on the arm; a plan of kind calibrate sets the light arc.")
+    axes_deg = layout.axes_deg({"light_arc": plan.light_arc_deg})
+    for board_pose in range(plan.board_poses) if cameras else ():
+        pose = _Pose({"sample": "charuco", "pose": board_pose}, axes_deg, ("light_arc",), cameras)
+        yield from pose.photographs(plan.lamp, (plan.exposure_s,))
+
+
+@dataclass(frozen=True, slots=True)
+class _Pose:
+    """What stays the same while lamps and exposures change; `named` are the axes that the plan speaks of."""
+
+    mount: Mount
+    axes_deg: Mapping[str, float]
+    named: tuple[str, ...]
+    cameras: tuple[str, ...]
+
+    def photographs(self, lamp: str, exposures_s: Iterable[float]) -> Iterator[Step]:
+        for exposure_s in map(_ticks, exposures_s):
+            yield Step(
+                self._id(lamp, exposure_s), self._axes_rad(), (lamp,), exposure_s, self.cameras, mount=self.mount
+            )
+
+    def sweep(self, exposure_s: float, frames: int, interval_s: float) -> Step:
+        exposure_s = _ticks(exposure_s)
+        return Step(
+            self._id(SWEEP_ID, exposure_s), self._axes_rad(), (), exposure_s, self.cameras,
+            frames=frames, interval_s=interval_s, sweep=True, mount=self.mount,
+        )  # fmt: skip
+
+    def _id(self, light: str, exposure_s: float) -> str:
+        return step_id(self.mount, {name: self.axes_deg[name] for name in self.named}, light, exposure_s)
+
+    def _axes_rad(self) -> dict[str, float]:
+        return to_rad(self.axes_deg)
+
+
+def _lights_flat_sample(name: str, layout: _Layout) -> bool:
+    lamp = layout.lamp(name)
+    if lamp.elevation_deg <= 0:
+        layout.skip(f"lamp {name}", f"at {lamp.elevation_deg:g} deg it is under the horizon of a flat sample")
+        return False
+    if lamp.mount != "light_arc":
+        raise PlanError(f"field lamps: {name} sits on the arm; a plan of kind btf turns the light arc.")
+    return True
+
+
+def _ticks(exposure_s: float) -> float:
+    """To whole units of PTP's exposure time, as the camera will be told."""
+    return round(round(exposure_s / EXPOSURE_STEP_S) * EXPOSURE_STEP_S, 6)
+
+
+def _wrapped(angle_deg: float) -> float:
+    """The same direction in (-180, 180]."""
+    return -((180.0 - angle_deg) % 360.0 - 180.0)
+
+
+def _known(kind: str, name: str, known: Iterable[str]) -> None:
+    if name not in known:
+        raise UnknownDeviceError(f"no {kind} named {name!r} in rig.toml; known: {', '.join(known)}.")
+
+
+def _check_identity(steps: list[Step], skipped: tuple[Skip, ...]) -> None:
+    if not steps:
+        reasons = "; ".join(f"{skip.what}: {skip.reason}" for skip in skipped[:3])
+        raise PlanError(f"no step is left of the plan. {reasons}")
+    twice = [name for name, count in Counter(step.id for step in steps).items() if count > 1]
+    if twice:
+        raise PlanError(f"two steps would be the same: {twice[0]}. Angles or exposures of the plan are too close.")

@@ -1,0 +1,112 @@
+"""What a session says while it runs: numbered events, each of them in the journal before anybody hears of it."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from rig.errors import StoreError
+from rig.sessions.session import Session
+from rig.sessions.states import State
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened in a session.
+
+    `number` grows over all runs of the session; 0 where the journal could not take it. `kind`: 'state', 'step' (begun),
+    'done', 'retake', 'warning', 'mount', 'failed', 'unconfirmed'. `done` of `total` steps are durable; `eta_s` is the
+    time left by the pace so far, None before there is one. `step` is a step's id where the event is about one. `rig_s`
+    is the rig clock's time.
+    """
+
+    number: int
+    kind: str
+    state: State
+    done: int
+    total: int
+    eta_s: float | None
+    step: str | None
+    message: str
+    rig_s: float
+
+
+class Progress:
+    """Numbers and publishes the events of one run. `on_event` is called by several threads, but one at a time."""
+
+    def __init__(self, session: Session, on_event: Callable[[Event], None]) -> None:
+        self._session = session
+        self._on_event = on_event
+        self._lock = threading.RLock()
+        self._done = set(session.done())
+        self._total = len(session.steps)
+        remaining = session.remaining()
+        self._step_s: Mapping[str, float] = {
+            step.id: time_s for step, time_s in zip(remaining, session.forecast().step_s, strict=True)
+        }
+        self._left_s = sum(self._step_s.values())
+        self._past_s = 0.0
+        self._started_s = time.monotonic()
+        self.state = session.state
+        self.rig_s = 0.0
+
+    @property
+    def all_done(self) -> bool:
+        """Whether no step is left."""
+        with self._lock:
+            return len(self._done) == self._total
+
+    def start(self) -> None:
+        """Measure the pace from now on."""
+        self._started_s = time.monotonic()
+
+    def say(self, kind: str, message: str, step: str | None = None) -> None:
+        """Journal it, then publish it."""
+        with self._lock:
+            number = self._session.journal.record(kind, message, self.rig_s, step)
+            self._publish(number, kind, message, step)
+
+    def change(self, current: Callable[[], State], message: str) -> None:
+        """Tell the state that the session is in now; several threads may have changed it since.
+
+        Where the disk is full the state still changes, unjournalled: reopening then finds a crash.
+        """
+        with self._lock:
+            state = current()
+            if state is self.state:
+                return
+            self.state = state
+            try:
+                number = self._session.journal.enter_state(state, self.rig_s, message)
+            except StoreError:
+                number = 0
+            self._publish(number, "state", message, None)
+
+    def begin(self, step: str) -> None:
+        """Journal the intent to take a step."""
+        with self._lock:
+            self._publish(self._session.journal.begin(step, self.rig_s, ""), "step", "", step)
+
+    def fail(self, step: str, reason: str) -> None:
+        """Journal that a step failed."""
+        with self._lock:
+            self._publish(self._session.journal.fail(step, self.rig_s, reason), "failed", reason, step)
+
+    def done(self, step: str, number: int) -> None:
+        """Publish that a step is done; the journal knows already, under this number."""
+        with self._lock:
+            self._done.add(step)
+            self._past_s += self._step_s.get(step, 0.0)
+            self._left_s -= self._step_s.get(step, 0.0)
+            self._publish(number, "done", "", step)
+
+    def _publish(self, number: int, kind: str, message: str, step: str | None) -> None:
+        self._on_event(
+            Event(number, kind, self.state, len(self._done), self._total, self._eta_s(), step, message, self.rig_s)
+        )
+
+    def _eta_s(self) -> float | None:
+        if self._past_s <= 0:
+            return None
+        pace = (time.monotonic() - self._started_s) / self._past_s
+        return max(self._left_s, 0.0) * pace

@@ -188,7 +188,7 @@ def _score(samples: _Vector, moments: _Vector, theta: _Vector, model: _Model) ->
             return False
         width = math.exp(theta[3])
         theta[0] += min(max(step[0], -width), width)
-        theta[1] = max(theta[1] + step[1], 0.2 * theta[1])
+        theta[1] = min(max(theta[1] + step[1], 0.2 * theta[1]), 20.0 * model[1])
         theta[2] += step[2]
         theta[3] += min(max(step[3], -0.5), 0.5)
         settled = abs(step[0]) * math.sqrt(time_weight) < _TOLERANCE
@@ -212,7 +212,7 @@ def _normal(
     system[2, 2], system[3, 3] = background_weight, width_weight
     gradient[2] = background_weight * (background - theta[2])
     gradient[3] = width_weight * (log_width - theta[3])
-    cost = gradient[2] ** 2 / background_weight + gradient[3] ** 2 / width_weight
+    cost: float = gradient[2] ** 2 / background_weight + gradient[3] ** 2 / width_weight
     for k in range(samples.size):
         u = (moments[k] - theta[0]) / width
         bell = math.exp(-0.5 * u * u)

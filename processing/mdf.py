@@ -1,0 +1,156 @@
+"""The mesostructure distance function from laser sweeps: peak times, planes, range images, merging, texels."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing import geometry
+from processing.calibration import CameraModel
+from processing.displacement import Merged, merge_displacements, tetrahedron_weights
+from processing.errors import ImageError
+from processing.holder import Holder, reference_region
+from processing.laser_plane import LaserMount, LaserSweep, SweepStatus, laser_sweep
+from processing.products.mdf import Mdf
+from processing.radiometry import Sensor
+from processing.range_image import RangeImage, RangeStatus, range_image
+from processing.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
+from processing.texel_range import texel_displacement
+
+Array = NDArray[np.float64]
+DIM = 0.03  # of the white frame's pulse: darker ones are interreflections, not the stripe
+
+
+class Weighting(Enum):
+    """How laser locations are weighted when they are merged."""
+
+    VARIANCE = "variance"  # inverse variances
+    TETRAHEDRON = "tetrahedron"  # the paper's volumes
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One passage of the stripe in one camera.
+
+    `view` names what shares one view of the sample: camera and turntable angle. `frames` are uint16 mosaics (t, h, w),
+    any iterable of them, or peak times already found; `times` (t,) in frame intervals where frames are missing.
+    """
+
+    view: str
+    frames: Iterable[NDArray[np.uint16]] | PeakTimes
+    sensor: Sensor
+    camera: CameraModel
+    rig_from_sample: Array
+    mount: LaserMount
+    times: Array | None = None
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """What one sweep gave: peak times, laser planes, displacements."""
+
+    sweep: Sweep
+    peaks: PeakTimes
+    laser: LaserSweep
+    image: RangeImage
+
+    @property
+    def completeness(self) -> float:
+        """Share of the pixels that look at the sample which were measured."""
+        looking = self.image.status != RangeStatus.NOT_SAMPLE
+        return float(np.mean(self.image.status[looking] == RangeStatus.MEASURED)) if looking.any() else 0.0
+
+
+@dataclass(frozen=True)
+class ViewResult:
+    """The merged displacement of one view, the status of its sweeps' lasers, and each sweep's completeness."""
+
+    view: str
+    merged: Merged
+    lasers: tuple[LaserSweep, ...]
+    completeness: tuple[float, ...]
+
+
+def mdf_from_sweeps(
+    sweeps: Iterable[Sweep],
+    holder: Holder,
+    texels: int,
+    weighting: Weighting = Weighting.VARIANCE,
+    settings: PulseSettings | None = None,
+) -> tuple[Mdf, tuple[ViewResult, ...]]:
+    """MDF (view, y, x) over the holder's opening, and what became of each view, in the order in which views appear.
+
+    Sweeps are taken one by one, so frames may be read as they are needed. A view direction is that of the camera from
+    the sample's centre, in the sample frame. Texels that no laser location reached are NaN.
+    Raises ImageError where there is no sweep, or frames do not fit their camera.
+    """
+    views: dict[str, list[SweepResult]] = {}
+    for sweep in sweeps:
+        result = measure_sweep(sweep, holder, settings)
+        views.setdefault(sweep.view, []).append(replace(result, sweep=replace(sweep, frames=())))
+    if not views:
+        raise ImageError("no sweeps: an MDF needs at least one view.")
+    merged = tuple(merge_view(view, results, weighting) for view, results in views.items())
+    sheets = [view_texels(m.merged, views[m.view][0].sweep, holder, texels) for m in merged]
+    directions = np.stack([_view_direction(views[m.view][0].sweep) for m in merged])
+    displacement, variance = (np.stack([sheet[i] for sheet in sheets]) for i in (0, 1))
+    return Mdf(displacement, variance, directions, holder.sample_m), merged
+
+
+def measure_sweep(sweep: Sweep, holder: Holder, settings: PulseSettings | None = None) -> SweepResult:
+    """Peak times, laser planes and displacements of one sweep. Raises ImageError where frames do not fit the camera."""
+    peaks = sweep.frames
+    if not isinstance(peaks, PeakTimes):
+        peaks = peak_times(peaks, sweep.sensor, settings, sweep.times)
+    if peaks.status.shape != tuple(sweep.camera.size):
+        raise ImageError(f"{sweep.view}: frames of {peaks.status.shape} pixels, but a camera of {sweep.camera.size}.")
+    laser = laser_sweep(peaks, sweep.camera, sweep.rig_from_sample, holder, sweep.mount)
+    if laser.status != SweepStatus.NO_STRIPE:
+        peaks = _without_dim(peaks, sweep, holder, laser)
+    return SweepResult(sweep, peaks, laser, range_image(peaks, sweep.camera, sweep.rig_from_sample, holder, laser))
+
+
+def merge_view(view: str, results: Sequence[SweepResult], weighting: Weighting) -> ViewResult:
+    """Merge the sweeps of one view over the laser's locations."""
+    weights = None
+    if weighting == Weighting.TETRAHEDRON:
+        weights = tetrahedron_weights(np.stack([r.laser.source_m for r in results]), results[0].sweep.camera.centre_m)
+    merged = merge_displacements(
+        np.stack([r.image.displacement_m for r in results]), np.stack([r.image.variance_m2 for r in results]), weights
+    )
+    return ViewResult(view, merged, tuple(r.laser for r in results), tuple(r.completeness for r in results))
+
+
+def view_texels(
+    merged: Merged, sweep: Sweep, holder: Holder, texels: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Displacement and variance (n, n) of a view on the sample's texel grid (row 0 at +Y)."""
+    grid = geometry.transform_points(sweep.rig_from_sample, geometry.texel_grid(texels, holder.sample_m))
+    uv_px = sweep.camera.project(grid)
+    return texel_displacement(merged.displacement_m, merged.variance_m2, uv_px, holder.sample_m / texels)
+
+
+def _view_direction(sweep: Sweep) -> Array:
+    towards = geometry.rotate(geometry.invert(sweep.rig_from_sample), sweep.camera.centre_m)
+    return np.asarray(towards / np.linalg.norm(towards))
+
+
+def _without_dim(peaks: PeakTimes, sweep: Sweep, holder: Holder, laser: LaserSweep) -> PeakTimes:
+    """Peaks under DIM of the white frame's, per place in the 2x2 mosaic, made TOO_DARK."""
+    white = reference_region(sweep.camera, sweep.rig_from_sample, holder, laser.source_m).height > 0
+    white &= peaks.status == PeakStatus.OK
+    status = peaks.status.copy()
+    for place in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        cell = (slice(place[0], None, 2), slice(place[1], None, 2))
+        if white[cell].any():
+            floor_e = DIM * float(np.median(peaks.amplitude_e[cell][white[cell]]))
+            dim = (status[cell] == PeakStatus.OK) & (peaks.amplitude_e[cell] < floor_e)
+            status[cell][dim] = PeakStatus.TOO_DARK
+    missing = status != PeakStatus.OK
+    time, variance, width = (
+        np.where(missing, np.float32(np.nan), values)
+        for values in (peaks.time_frames, peaks.variance, peaks.width_frames)
+    )
+    return PeakTimes(time, variance, peaks.amplitude_e, status, width)

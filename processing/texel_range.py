@@ -1,0 +1,94 @@
+"""From pixels to texels: the displacement along the view ray through every texel of the reference plane.
+
+A texel's view ray is the pixel ray through the image of its reference point, so this is interpolation in the image at
+known places, and one resampling in all.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_SIGMA_PX = 0.6  # of the kernel, or _SIGMA_TEXEL of a texel where that is larger
+_SIGMA_TEXEL = 0.25
+_REACH = 2.5  # sigmas of the kernel
+_ROUGHNESS_M = 20e-6  # of the surface within a kernel, about a plane
+_SLOPE = 1.0  # displacement per distance on the plane that still counts as one surface
+_CHUNK = 16384
+
+
+def texel_displacement(
+    displacement_m: NDArray[np.floating], variance_m2: NDArray[np.floating], uv_px: Array, pitch_m: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Displacement (n, n) and variance at texels `pitch_m` apart, seen at image points `uv_px` (n, n, 2).
+
+    The pixels around a texel vote for one surface (weighted median, so that no value lies between two), and a plane
+    through those that lie on it gives the value at the texel's own place. NaN where no measured pixel of that surface
+    is near.
+    """
+    values, variances = np.asarray(displacement_m, np.float64), np.asarray(variance_m2, np.float64)
+    sigma_px, pixel_m = _kernel(uv_px, pitch_m)
+    places = uv_px.reshape(-1, 2)
+    found = np.full((len(places), 2), np.nan)
+    inside = np.flatnonzero(np.isfinite(places).all(axis=1))
+    for start in range(0, len(inside), _CHUNK):
+        part = inside[start : start + _CHUNK]
+        found[part] = _interpolate(values, variances, places[part], sigma_px, pixel_m)
+    grid = found.reshape(*uv_px.shape[:2], 2).astype(np.float32)
+    return grid[..., 0], grid[..., 1]
+
+
+def _kernel(uv_px: Array, pitch_m: float) -> tuple[Array, Array]:
+    """Kernel's sigma (u, v) in pixels, and a pixel's extent (u, v) on the reference plane in metres."""
+    if min(uv_px.shape[:2]) < 2:
+        return np.full(2, _SIGMA_PX), np.full(2, pitch_m)
+    per_texel = np.maximum(*(np.nanmedian(np.abs(np.gradient(uv_px, axis=axis)), axis=(0, 1)) for axis in (0, 1)))
+    return np.maximum(_SIGMA_PX, _SIGMA_TEXEL * per_texel), pitch_m / np.maximum(per_texel, 1e-3)
+
+
+def _interpolate(values: Array, variances: Array, places: Array, sigma_px: Array, pixel_m: Array) -> Array:
+    """Value and variance (n, 2) at image points (n, 2)."""
+    offset, value, variance = _neighbours(values, variances, places, np.ceil(_REACH * sigma_px).astype(int))
+    measured = np.isfinite(value) & (variance > 0.0)
+    kernel = np.exp(-0.5 * ((offset / sigma_px) ** 2).sum(axis=-1))
+    noise = np.where(measured, variance, 0.0) + _ROUGHNESS_M**2
+    weight = np.where(measured, kernel / noise, 0.0)
+    middle = _weighted_median(np.where(measured, value, 0.0), weight)
+    distance_m = np.hypot(offset[..., 0] * pixel_m[0], offset[..., 1] * pixel_m[1])
+    surface = np.abs(np.where(measured, value, 0.0) - middle[:, None]) < 4.0 * np.sqrt(noise) + _SLOPE * distance_m
+    weight = np.where(surface, weight, 0.0)
+    near = np.where(weight > 0.0, ((offset / sigma_px) ** 2).sum(axis=-1), np.inf).min(axis=1) < 2.0
+    result = _plane(offset, np.where(measured, value, 0.0), weight, noise, _SLOPE * pixel_m)
+    return np.where(near[:, None], result, np.nan)
+
+
+def _neighbours(values: Array, variances: Array, places: Array, reach: NDArray[np.int_]) -> tuple[Array, Array, Array]:
+    """Offsets (n, m, 2) in pixels from the places to the pixels around them, values and variances (n, m)."""
+    across, down = (np.arange(-r, r + 1) for r in reach)
+    around = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    pixel = np.rint(places).astype(int)[:, None] + around
+    size = np.array([values.shape[1], values.shape[0]])
+    inside = ((pixel >= 0) & (pixel < size)).all(axis=-1)
+    column, row = np.moveaxis(np.clip(pixel, 0, size - 1), -1, 0)
+    return pixel - places[:, None], np.where(inside, values[row, column], np.nan), variances[row, column]
+
+
+def _weighted_median(values: Array, weights: Array) -> Array:
+    order = np.argsort(values, axis=1)
+    summed = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
+    place = np.argmax(summed >= 0.5 * summed[:, -1:], axis=1)
+    return np.take_along_axis(values, np.take_along_axis(order, place[:, None], axis=1), axis=1)[:, 0]
+
+
+def _plane(offset: Array, value: Array, weight: Array, noise: Array, slope: Array) -> Array:
+    """Value at offset 0 (n) of weighted planes with a prior on their slopes per pixel, and its variance: (n, 2)."""
+    total = np.maximum(weight.sum(axis=1), 1e-300)[:, None]
+    basis = np.concatenate([np.ones((*offset.shape[:2], 1)), offset], axis=-1)
+    share = weight / total
+    normal = np.einsum("nmi,nm,nmj->nij", basis, share, basis)
+    typical = (share**2 * noise).sum(axis=1)
+    normal[:, 1, 1] += typical / slope[0] ** 2
+    normal[:, 2, 2] += typical / slope[1] ** 2
+    normal += 1e-12 * np.eye(3)
+    row = np.linalg.solve(normal, np.broadcast_to([[1.0], [0.0], [0.0]], (len(normal), 3, 1)))[..., 0]
+    linear = np.einsum("nmi,ni,nm->nm", basis, row, share)
+    return np.stack([(linear * value).sum(axis=1), (linear**2 * noise).sum(axis=1)], axis=-1)

@@ -8,13 +8,15 @@ A reply has "ok"; where that is false, "error" says why.
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import radians
 from typing import Any, ClassVar
 
 from simulators.clock import Clock
 from simulators.faults import FaultError, FaultSchedule
 from simulators.laser_unit import Brick
 from simulators.optics import Optics
+from simulators.pose import Pose
 from simulators.world import Mounted, World
 
 
@@ -70,7 +72,7 @@ class Control:
         return {}
 
     def _status(self, _: Mapping[str, Any]) -> dict[str, Any]:
-        return self.world.status()
+        return self.world.status() | {"rcx": self.brick.status()}
 
     def _power(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
         self.brick.switch(on=bool(arguments.get("on", True)))
@@ -81,14 +83,16 @@ class Control:
         return {}
 
     def _faults(self, _: Mapping[str, Any]) -> dict[str, Any]:
-        return {"faults": self.faults.listed()}
+        return {"faults": self.faults.listed(), "seen": self.faults.seen()}
 
     def _clear(self, _: Mapping[str, Any]) -> dict[str, Any]:
         self.faults.clear()
         return {}
 
     def _truth(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        return self.optics.truth(pose=self.world.pose(), **arguments)
+        """Truth as things stand, or with "at": as if sample, axes and laser stood as it says; nothing moves."""
+        wanted = {name: value for name, value in arguments.items() if name != "at"}
+        return self.optics.truth(pose=_posed(self.world.pose(), arguments.get("at", {})), **wanted)
 
     _operations: ClassVar[dict[str, Callable[["Control", Mapping[str, Any]], dict[str, Any]]]] = {
         "now": _now,
@@ -101,3 +105,17 @@ class Control:
         "clear_faults": _clear,
         "truth": _truth,
     }
+
+
+def _posed(pose: Pose, at: Mapping[str, Any]) -> Pose:
+    fields = {
+        "turntable_deg": "turntable_rad",
+        "light_arc_deg": "light_arc_rad",
+        "arm_deg": "arm_rad",
+        "laser_elevation_deg": "laser_elevation_rad",
+    }
+    unknown = set(at) - {*fields, "sample"}
+    if unknown:
+        raise ControlError(f"at: {sorted(unknown)[0]!r} is none of sample, {', '.join(fields)}")
+    angles = {field: radians(float(at[name])) for name, field in fields.items() if name in at}
+    return replace(pose, sample=str(at.get("sample", pose.sample)), **angles)

@@ -115,6 +115,13 @@ class FaultSchedule:
         """All faults with the number of times each has struck."""
         return [asdict(fault) | {"struck": self._struck[i]} for i, fault in enumerate(self._faults)]
 
+    def seen(self) -> dict[str, dict[str, int]]:
+        """How many occasions of each kind each device has had."""
+        counts: dict[str, dict[str, int]] = {}
+        for (device, occasion), count in self._seen.items():
+            counts.setdefault(device, {})[occasion.value] = count
+        return counts
+
     def strike(self, devices: tuple[str, ...], occasion: Occasion, time_s: float) -> Fault | None:
         """Count an occasion for these devices (a wire and the device behind it); the fault that strikes, if any."""
         for device in devices:

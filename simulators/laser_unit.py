@@ -8,7 +8,7 @@ nothing is done.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from simulators.clock import NS_PER_S, Clock
 from simulators.line import Line
@@ -97,6 +97,17 @@ class Brick:
         self._last_opcode = opcode
         self._last_reply = None if data is None else bytes([opcode ^ 0xFF]) + data
         return self._last_reply
+
+    def status(self) -> dict[str, Any]:
+        """The brick's state for people and tests."""
+        return {
+            "powered": self.powered,
+            "power_down_min": self.power_down_min,
+            "message": self.message,
+            "program": self.program,
+            "tasks": {str(task): len(code) for task, code in self.tasks.items()},
+            "running": sorted(self.running),
+        }
 
     def _check_power_down(self) -> None:
         idle_s = (self.clock.now_ns() - self._last_heard_ns) / NS_PER_S
@@ -251,6 +262,10 @@ class Brick:
             self._loading = None
         return b"\x00"
 
+    def _set_datalog_size(self, _: bytes) -> bytes:
+        """Reply 0 = there is room."""
+        return b"\x00"
+
     def _memory_map(self, _: bytes) -> bytes:
         return b"".join((0x8000 + 2 * i).to_bytes(2, "big") for i in range(94))
 
@@ -260,7 +275,7 @@ class Brick:
         0x60: _power_off, 0x13: _power, 0x21: _on_off, 0xE1: _direction,
         0x50: _stop_tasks, 0x71: _start_task, 0x81: _stop_task, 0x40: _delete_tasks,
         0x70: _nothing, 0x51: _nothing, 0x22: _nothing, 0x91: _select_program,
-        0x25: _start_download, TRANSFER: _transfer, 0x20: _memory_map,
+        0x25: _start_download, TRANSFER: _transfer, 0x20: _memory_map, 0x52: _set_datalog_size,
     }  # fmt: skip
 
 

@@ -1,17 +1,16 @@
 """Camera RAW files: the untouched mosaic with everything that its radiometry needs."""
 
 import io
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import exifread
 import numpy as np
 import rawpy
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
+from processing.formats import exif
 from processing.radiometry import Sensor
 
 ASSUMED_GAIN_E_PER_DN = 1.0
@@ -19,6 +18,7 @@ ASSUMED_READ_NOISE_DN = 2.0
 _NOISE_PROFILE = "0xC761"  # DNG specification 1.7, tag numbers
 _CAMERA_SERIAL = "0xC62F"
 _UNIQUE_MODEL = "0xC614"
+_COLOR_MATRIX = "0xC621"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ def read_raw(source: Path | bytes) -> RawImage:
     """
     name = "frame" if isinstance(source, bytes) else str(source)
     content = source if isinstance(source, bytes) else _read(source)
-    tags = _tags(content)
+    tags = exif.read_tags(content)
     try:
         with rawpy.imread(io.BytesIO(content)) as raw:
             return _raw_image(raw, tags)
@@ -75,35 +75,6 @@ def _text(error: Exception) -> str:
     return message.decode(errors="replace") if isinstance(message, bytes) else str(message)
 
 
-def _tags(content: bytes) -> dict[str, Any]:
-    """Values of all TIFF and EXIF tags by bare name; unknown ones as '0xC761'. The first directory wins."""
-    try:
-        found = exifread.process_file(io.BytesIO(content), details=False, extract_thumbnail=False)
-    except (ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError):
-        return {}  # LibRaw, not the tag reader, decides whether the file is an image
-    values: dict[str, Any] = {}
-    for key, tag in found.items():
-        values.setdefault(key.split(" ")[-1], getattr(tag, "values", tag))
-    return values
-
-
-def _number(tags: dict[str, Any], name: str) -> float:
-    values = tags.get(name)
-    if not isinstance(values, Iterable) or isinstance(values, str | bytes):
-        return float("nan")
-    first = next(iter(values), float("nan"))
-    try:
-        return float(first)
-    except ZeroDivisionError:
-        return float("nan")
-
-
-def _string(tags: dict[str, Any], name: str) -> str:
-    value = tags.get(name, "")
-    text = value if isinstance(value, str) else bytes(value).decode("ascii", "replace")
-    return text.strip("\0 ")
-
-
 def _raw_image(raw: rawpy.RawPy, tags: dict[str, Any]) -> RawImage:
     if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2) or raw.color_desc not in (b"RGBG", b"RGGB"):
         raise ImageError("not a Bayer mosaic; only cameras with a 2x2 RGB pattern can be used.")
@@ -114,15 +85,22 @@ def _raw_image(raw: rawpy.RawPy, tags: dict[str, Any]) -> RawImage:
         mosaic=mosaic,
         cfa=cfa,
         sensor=_sensor(tags, black_dn, white_dn),
-        exposure_s=_number(tags, "ExposureTime"),
-        iso=_number(tags, "ISOSpeedRatings"),
-        f_number=_number(tags, "FNumber"),
-        serial=_string(tags, _CAMERA_SERIAL) or _string(tags, "BodySerialNumber"),
-        model=_string(tags, _UNIQUE_MODEL) or _string(tags, "Model"),
-        unique_id=_string(tags, "ImageUniqueID"),
+        exposure_s=exif.exposure_s(tags),
+        iso=exif.number(tags, "ISOSpeedRatings"),
+        f_number=exif.number(tags, "FNumber"),
+        serial=exif.text(tags, _CAMERA_SERIAL) or exif.text(tags, "BodySerialNumber"),
+        model=exif.text(tags, _UNIQUE_MODEL) or exif.text(tags, "Model"),
+        unique_id=exif.text(tags, "ImageUniqueID"),
         white_balance=balance / balance[1] if np.all(balance > 0) else np.ones(3),
-        camera_from_xyz=np.asarray(raw.rgb_xyz_matrix, np.float64)[:3],
+        camera_from_xyz=_camera_from_xyz(raw, tags),
     )
+
+
+def _camera_from_xyz(raw: rawpy.RawPy, tags: dict[str, Any]) -> NDArray[np.float64]:
+    """LibRaw's matrix for the model, else the file's own ColorMatrix1."""
+    known = np.asarray(raw.rgb_xyz_matrix, np.float64)[:3]
+    own = [float(v) for v in tags.get(_COLOR_MATRIX, ())]
+    return np.reshape(own, (3, 3)) if not known.any() and len(own) == 9 else known
 
 
 def _level(raw: rawpy.RawPy) -> tuple[NDArray[np.uint16], float, float]:

@@ -1,4 +1,4 @@
-"""rig.toml: what the rig consists of and where each device is reached. Degrees and millimetres; converted once, here."""
+"""rig.toml: what the rig consists of, and where each device is reached. Degrees and millimetres, as people write."""
 
 import tomllib
 from pathlib import Path
@@ -56,7 +56,8 @@ class AxisConfig(_Model):
     steps_per_deg: float = Field(gt=0)
     min_deg: Degrees
     max_deg: Degrees
-    forbidden_deg: tuple[tuple[Degrees, Degrees], ...] = ()  # would block the view or touch another part
+    forbidden_deg: tuple[tuple[Degrees, Degrees], ...] = ()  # may not stand there: would block the view
+    collision_deg: tuple[tuple[Degrees, Degrees], ...] = ()  # may not even pass there: would touch another part
     speed_deg_s: float = Field(gt=0)
     acceleration_deg_s2: float = Field(gt=0)
     settle_s: float = Field(ge=0, default=0.2)
@@ -126,11 +127,12 @@ def load_config(path: Path) -> RigConfig:
     try:
         return RigConfig.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError as error:
-        raise ConfigError(f"{path}: no such file. Name a rig.toml with --rig, or start `rig serve --simulated`.") from error
+        raise ConfigError(
+            f"{path}: no such file. Name a rig.toml with --rig, or start `rig serve --simulated`."
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not TOML: {error}") from error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ConfigError(f"{path}: [{where}] {first['msg']} (got {first['input']!r})") from error
-

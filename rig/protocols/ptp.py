@@ -22,6 +22,7 @@ class Operation(IntEnum):
     GET_PROPERTY_DESC = 0x1014
     GET_PROPERTY_VALUE = 0x1015
     SET_PROPERTY_VALUE = 0x1016
+    TERMINATE_OPEN_CAPTURE = 0x1018
 
 
 class Response(IntEnum):

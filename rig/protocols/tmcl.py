@@ -22,7 +22,7 @@ class Command(IntEnum):
 
 
 class Parameter(IntEnum):
-    """Axis parameters; speeds in steps/s, accelerations in steps/s^2 (TMCM-6212 firmware manual, axis parameters)."""
+    """Axis parameters (TMCM-1110 firmware manual, "Axis Parameters"): positions in microsteps, the rest as below."""
 
     TARGET_POSITION = 0
     ACTUAL_POSITION = 1
@@ -30,6 +30,26 @@ class Parameter(IntEnum):
     MAXIMUM_SPEED = 4
     MAXIMUM_ACCELERATION = 5
     POSITION_REACHED = 8
+    RAMP_DIVISOR = 153
+    PULSE_DIVISOR = 154
+    SEARCH_SPEED = 194
+    SWITCH_SPEED = 195
+
+
+INTERNAL_MAX = 2047
+"""Largest speed and acceleration in the motion controller's own units."""
+DIVISOR_MAX = 13
+_OSCILLATOR_HZ = 16e6
+
+
+def speed_unit(pulse_divisor: int) -> float:
+    """Microsteps per second of one unit of speed (TMCM-1110 firmware manual, "Velocity and Acceleration")."""
+    return float(_OSCILLATOR_HZ / (2**pulse_divisor * 2048 * 32))
+
+
+def acceleration_unit(pulse_divisor: int, ramp_divisor: int) -> float:
+    """Microsteps per second squared of one unit of acceleration (same section)."""
+    return float(_OSCILLATOR_HZ**2 / 2 ** (pulse_divisor + ramp_divisor + 29))
 
 
 class Search(IntEnum):
@@ -41,6 +61,7 @@ class Search(IntEnum):
 
 
 STATUS_OK = 100
+STATUS_WRONG_CHECKSUM = 1
 STATUS_MEANING = {
     100: "executed",
     101: "loaded into the program memory",

@@ -1,35 +1,31 @@
 """Running a session: the plan becomes a folder, the folder runs on a rig, and every end is a safe one."""
 
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
 from rig.assembly import open_rig
 from rig.config import RigConfig
-from rig.sessions import Event, Plan, Runner, Session
-
-Operator = Callable[[Mapping[str, object]], None]
+from rig.sessions import Event, Operator, Plan, Runner, RunReport, Session
 
 
 def capture(
     plan: Plan, config: RigConfig, folder: Path, *, operator: Operator, on_event: Callable[[Event], None]
-) -> Session:
+) -> RunReport:
     """Create the session folder and run all of its steps.
 
     Raises what the rig raises; whatever ends it, lamps and laser are off, and `resume` takes it up again.
     """
-    return resume(Session.create(folder, plan, config), config, operator=operator, on_event=on_event)
+    with Session.create(folder, plan, config) as session:
+        return resume(session, config, operator=operator, on_event=on_event)
 
 
-def resume(
-    session: Session, config: RigConfig, *, operator: Operator, on_event: Callable[[Event], None]
-) -> Session:
+def resume(session: Session, config: RigConfig, *, operator: Operator, on_event: Callable[[Event], None]) -> RunReport:
     """Run the steps of a session that are not done yet."""
     with terminate_as_interrupt(), open_rig(config) as rig:
-        Runner(session, rig, operator, on_event).run()
-    return session
+        return Runner(session, rig, operator, on_event).run()
 
 
 @contextmanager

@@ -1,19 +1,22 @@
 """What the command line shows: progress with time left, one clear line per error, exit codes that scripts can use."""
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 
 from rig.sessions import Event
-from service.problems import problem_of
+from service.problems import EXIT_CODES, problem_of
 
 console = Console(stderr=True, highlight=False)
 INTERRUPTED = 130
+NOTABLE = ("retake", "warning", "failed", "unconfirmed")
+EXIT_EPILOG = "Exit codes: " + "; ".join(f"{code} {meaning}" for code, meaning in EXIT_CODES.items()) + "."
 
 Item = TypeVar("Item")
 
@@ -34,50 +37,50 @@ def reported_errors() -> Iterator[None]:
         raise typer.Exit(problem.exit_code) from error
 
 
-class SessionProgress:
-    """A bar with the time left, driven by the session's events; a line each where nobody watches a terminal."""
+def tell(line: str) -> None:
+    """A line of the result, on standard output; everything else goes to standard error."""
+    typer.echo(line)
+
+
+class ConsoleProgress:
+    """Bars with the time left, on standard error: of a computation's parts, and of a session's steps."""
 
     def __init__(self) -> None:
         self._progress = Progress(
             SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
-            TextColumn("{task.fields[left]}"), console=console, transient=False,
-        )  # fmt: skip
-        self._task = self._progress.add_task("preparing", total=None, left="")
-
-    def __enter__(self) -> Callable[[Event], None]:
-        self._progress.start()
-        return self.show
-
-    def __exit__(self, *exc: object) -> None:
-        self._progress.stop()
-
-    def show(self, event: Event) -> None:
-        """Show one event of the session."""
-        left = "" if event.eta_s is None else f"{event.eta_s:5.0f} s left"
-        self._progress.update(
-            self._task, completed=event.done, total=event.total, left=left, description=event.state or event.kind
-        )
-
-
-class StageProgress:
-    """Progress over the parts of a computation, with the time left."""
-
-    def __init__(self) -> None:
-        self._progress = Progress(
-            SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
-            console=console, transient=True,
+            TextColumn("{task.fields[left]}"), console=console, transient=True,
         )  # fmt: skip
 
-    def __enter__(self) -> "StageProgress":
+    def __enter__(self) -> Self:
         self._progress.start()
         return self
 
-    def __exit__(self, *exc: object) -> None:
+    def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
     def track(self, items: Iterable[Item], description: str) -> Iterator[Item]:
         """Yield the items and show how far along they are."""
-        yield from self._progress.track(items, description=description)
+        listed = list(items)
+        task = self._progress.add_task(description, total=len(listed), left="")
+        started_s = time.monotonic()
+        for done, item in enumerate(listed):
+            yield item
+            left_s = (time.monotonic() - started_s) / (done + 1) * (len(listed) - done - 1)
+            self._progress.update(task, completed=done + 1, left=f"{left_s:.0f} s left")
+        self._progress.remove_task(task)
+
+    def follow(self, description: str) -> Callable[[Event], None]:
+        """A new bar that shows a session's events; what an operator must know is also printed."""
+        task = self._progress.add_task(description, total=None, left="")
+
+        def show(event: Event) -> None:
+            left = "" if event.eta_s is None else f"{event.eta_s:.0f} s left"
+            text = f"{description}: {event.state}"
+            self._progress.update(task, completed=event.done, total=event.total, left=left, description=text)
+            if event.kind in NOTABLE:
+                console.print(f"{event.kind}: {event.step or ''} {event.message}", style="yellow", markup=False)
+
+        return show
 
 
 def ask_operator(instruction: Mapping[str, object]) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from processing.errors import CalibrationError, ImageError, ProcessingError
-from render.context import GlUnavailableError
+from render.errors import GlUnavailableError, RenderError
 from rig.errors import (
     BusyError,
     ConfigError,
@@ -65,6 +65,7 @@ PROBLEMS: dict[type[Exception], Problem] = {
     ImageError: Problem(422, "unusable-image", 2),
     CalibrationError: Problem(422, "cannot-calibrate", 2),
     GlUnavailableError: Problem(503, "no-opengl", 3),
+    RenderError: Problem(422, "cannot-draw", 2),
     ProcessingError: Problem(422, "cannot-process", 2),
     RigError: Problem(500, "rig-failed", 3),
 }

@@ -52,7 +52,9 @@ class Simulation:
         self._control = ControlPort(address)
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._control.close()
         self._stop()
 
@@ -71,6 +73,10 @@ class Simulation:
         """One request to the control port."""
         return self._control.request(op, **arguments)
 
+    def mount(self, instruction: Mapping[str, object]) -> None:
+        """Do by program what an operator does by hand."""
+        self._control.mount(instruction)
+
 
 class ControlPort:
     """The simulators' own control port: one JSON object a line."""
@@ -80,7 +86,9 @@ class ControlPort:
         try:
             self._socket = socket.create_connection((host, int(port)), timeout=START_TIMEOUT_S)
         except OSError as error:
-            raise ConnectError(f"simulators' control port {address}: {error}. Is `rig serve --simulated` running?") from error
+            raise ConnectError(
+                f"simulators' control port {address}: {error}. Is `rig serve --simulated` running?"
+            ) from error
         self._lines = self._socket.makefile("r")
 
     def request(self, op: str, **arguments: object) -> dict[str, Any]:

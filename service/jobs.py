@@ -1,0 +1,87 @@
+"""Background jobs of the service: one thread, one job at a time, with progress and cancel."""
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from rig.errors import StoreError
+from service.problems import problem_of
+
+Item = TypeVar("Item")
+
+
+@dataclass
+class Job:
+    """One job as its reader sees it; it is also the progress that the work reports to."""
+
+    number: int
+    title: str
+    state: str = "waiting"
+    stage: str = ""
+    done: int = 0
+    total: int | None = None
+    problem: dict[str, str] | None = None
+    cancelled: threading.Event = field(default_factory=threading.Event)
+
+    def track(self, items: Iterable[Item], description: str) -> Iterator[Item]:
+        """Yield the items and count them; ends the work by CancelledError once the job is cancelled."""
+        listed = list(items)
+        self.stage, self.done, self.total = description, 0, len(listed)
+        for item in listed:
+            if self.cancelled.is_set():
+                raise CancelledError
+            yield item
+            self.done += 1
+
+
+class Jobs:
+    """All jobs since the service started."""
+
+    def __init__(self) -> None:
+        self._jobs: dict[int, Job] = {}
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="job")
+
+    def submit(self, title: str, work: Callable[[Job], object]) -> int:
+        """Queue a job and return its number."""
+        job = Job(len(self._jobs) + 1, title)
+        self._jobs[job.number] = job
+        self._pool.submit(self._run, job, work)
+        return job.number
+
+    def read(self, number: int) -> dict[str, Any]:
+        """A job's state. Raises StoreError where there is none."""
+        job = self._job(number)
+        return {
+            "id": job.number, "title": job.title, "state": job.state, "stage": job.stage, "done": job.done,
+            "total": job.total, "problem": job.problem,
+        }  # fmt: skip
+
+    def cancel(self, number: int) -> None:
+        """Ask a job to end."""
+        self._job(number).cancelled.set()
+
+    def close(self) -> None:
+        """Cancel everything and wait."""
+        for job in self._jobs.values():
+            job.cancelled.set()
+        self._pool.shutdown()
+
+    def _job(self, number: int) -> Job:
+        if number not in self._jobs:
+            raise StoreError(f"no job {number}; jobs are forgotten when the service restarts.")
+        return self._jobs[number]
+
+    def _run(self, job: Job, work: Callable[[Job], object]) -> None:
+        job.state = "running"
+        try:
+            work(job)
+        except CancelledError:
+            job.state = "cancelled"
+        except Exception as error:  # noqa: BLE001 - whatever ends a job, its reader must be told
+            problem = problem_of(error)
+            job.problem = {"code": problem.code if problem else "defect", "detail": str(error)}
+            job.state = "failed"
+        else:
+            job.state = "finished"

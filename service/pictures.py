@@ -1,0 +1,70 @@
+"""Arrays as pictures for people: frames, displacement maps, comparisons with the truth."""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from PIL import Image
+
+from processing.formats.raw import read_raw
+from processing.radiometry import demosaic, tonemap
+
+DISPLAY_PX = 320
+
+
+def frame_png(path: Path) -> bytes:
+    """A frame as PNG bytes: a raw file tone-mapped in colour, of a burst the brightest moment of every pixel."""
+    picture = _burst(path) if path.is_dir() else _raw(path)
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def save_panels(path: Path, panels: Sequence[tuple[str, NDArray[np.floating]]], unit: str) -> None:
+    """Maps (h, w) side by side with one common scale and a colour bar; NaN is grey."""
+    values = np.concatenate([panel[np.isfinite(panel)] for _, panel in panels] or [np.zeros(1)])
+    low, high = np.percentile(values, (1, 99)) if values.size else (0.0, 1.0)
+    figure, axes = plt.subplots(1, len(panels), figsize=(3.6 * len(panels), 3.9), layout="constrained", squeeze=False)
+    for axis, (title, panel) in zip(axes[0], panels, strict=True):
+        axis.set_facecolor("0.5")
+        shown = axis.imshow(panel, vmin=low, vmax=high, cmap="magma_r", interpolation="nearest")
+        axis.set_title(title, fontsize=10)
+        axis.set_xticks([])
+        axis.set_yticks([])
+    figure.colorbar(shown, ax=axes, label=unit, shrink=0.8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def save_colour_panels(path: Path, panels: Sequence[tuple[str, NDArray[np.floating]]], columns: int) -> None:
+    """Linear colour images (h, w, 3) side by side at one exposure (the 98th percentile of all becomes bright)."""
+    peak = np.percentile(np.concatenate([panel[np.isfinite(panel)] for _, panel in panels]), 98)
+    rows = -(-len(panels) // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(2.6 * columns, 2.8 * rows), layout="constrained", squeeze=False)
+    for axis in axes.flat:
+        axis.axis("off")
+    for axis, (title, panel) in zip(axes.flat, panels, strict=False):
+        axis.imshow(np.clip(np.nan_to_num(panel) / max(peak, 1e-12), 0, 1) ** (1 / 2.2), interpolation="nearest")
+        axis.set_title(title, fontsize=9)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _raw(path: Path) -> NDArray[np.uint8]:
+    raw = read_raw(path)
+    signal = raw.mosaic.astype(np.float32) - raw.sensor.black_dn
+    colour, _ = demosaic(signal, np.ones_like(signal), raw.cfa)
+    return tonemap(colour * raw.white_balance)
+
+
+def _burst(path: Path) -> NDArray[np.uint8]:
+    brightest = np.asarray(zarr.open_array(store=path, mode="r")[:]).max(axis=0).astype(np.float64)
+    low, high = np.percentile(brightest, (1, 99.8))
+    return np.asarray(255 * np.clip((brightest - low) / max(high - low, 1.0), 0, 1), np.uint8)

@@ -1,0 +1,33 @@
+"""From a session to its products: the one way of a frame after it is durable.
+
+Every product is a folder under `products/` that names the frames, the calibration and the parameters it came from.
+A product whose inputs have not changed is not made again.
+"""
+
+from pathlib import Path
+
+from rig.sessions import BtfPlan, CalibratePlan, MdfPlan, Session, SrfPlan
+from service.pipeline.btf import make_btf
+from service.pipeline.calibration import load_calibration, make_calibration
+from service.pipeline.inputs import Progress
+from service.pipeline.mdf import make_mdf
+from service.pipeline.srf import make_srf
+
+DEFAULT_RANK = 4  # of the factored BTF: the paper's number of eigenmaps
+
+
+def process(session: Session, calibration: Path | None, progress: Progress, *, rank: int = DEFAULT_RANK) -> list[Path]:
+    """Make every product of a session; returns their folders.
+
+    `calibration` is the folder of a processed `calibrate` session, needed for `btf` and `mdf`.
+    Raises MissingFrameError, ImageError, CalibrationError; products that exist stay as they were.
+    """
+    match session.plan:
+        case CalibratePlan():
+            return [make_calibration(session, progress)]
+        case SrfPlan():
+            return make_srf(session, progress)
+        case BtfPlan():
+            return make_btf(session, load_calibration(calibration), progress, rank)
+        case MdfPlan():
+            return [make_mdf(session, load_calibration(calibration), progress)]

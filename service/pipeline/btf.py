@@ -1,0 +1,93 @@
+"""The BTF of a flat sample, and its factors, from a `btf` session."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing import geometry
+from processing.calibration import CameraModel
+from processing.products import Btf, FactoredBtf, Provenance, StoredBtf
+from processing.rectification import WhiteFrame, rectify, reflectance, white_frame_radiance
+from processing.svd import factor_btf
+from rig.config import RigConfig, SampleHolder
+from rig.sessions import BtfPlan, Session
+from service.pipeline.calibration import camera_of, digest
+from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
+from service.pipeline.stacks import Stack, light_direction, merge, stacks
+
+Array = NDArray[np.float64]
+
+
+def make_btf(session: Session, cameras: Mapping[str, CameraModel], progress: Progress, rank: int) -> list[Path]:
+    """The BTF on the sample's texels, and its factors."""
+    assert isinstance(session.plan, BtfPlan)
+    folder, factored = session.products / "btf", session.products / "factored_btf"
+    records = session.frames()
+    inputs = fingerprint(records, {"texels": session.plan.texels, "cameras": digest(cameras)})
+    if not is_current(folder, inputs):
+        _btf(session, cameras, progress, provenance(session, inputs)).save(folder)
+    if not is_current(factored, inputs | {"rank": rank}):
+        source = provenance(session, inputs | {"rank": rank})
+        factors = factor_btf(StoredBtf.open(folder), rank).btf
+        FactoredBtf(factors.eigenmaps, factors.weights, factors.lights, factors.views, source).save(factored)
+    return [folder, factored]
+
+
+@dataclass(frozen=True, eq=False)
+class BtfLayout:
+    """Directions of a BTF, and for each stack its place (light, view) in it."""
+
+    light_directions: Array
+    view_directions: Array
+    places: tuple[tuple[int, int], ...]
+
+
+def btf_layout(gathered: Sequence[Stack], config: RigConfig, cameras: Mapping[str, CameraModel]) -> BtfLayout:
+    """Which light and view each stack is, lights and views in the order in which they first appear."""
+    lights, views = _Directions(), _Directions()
+    places = []
+    for stack in gathered:
+        rig_from_sample = geometry.rotation_z(stack.step.axes_rad["turntable"])
+        towards = geometry.rotate(geometry.invert(rig_from_sample), camera_of(cameras, stack.camera).centre_m)
+        places.append((lights.index(light_direction(config, stack.step)), views.index(towards)))
+    return BtfLayout(np.stack(lights.found), np.stack(views.found), tuple(places))
+
+
+def _btf(session: Session, cameras: Mapping[str, CameraModel], progress: Progress, source: Provenance) -> Btf:
+    assert isinstance(session.plan, BtfPlan)
+    gathered, texels = stacks(session.frames()), session.plan.texels
+    layout = btf_layout(gathered, session.config, cameras)
+    shape = (len(layout.light_directions), len(layout.view_directions), texels, texels, 3)
+    btf = np.full(shape, np.nan, np.float32)
+    for number, stack in enumerate(progress.track(gathered, "merging and rectifying")):
+        camera = camera_of(cameras, stack.camera)
+        btf[layout.places[number]] = _image(stack, camera, session.config.holder, texels)
+    return Btf(btf, layout.light_directions, layout.view_directions, source)
+
+
+def _image(stack: Stack, camera: CameraModel, holder: SampleHolder, texels: int) -> NDArray[np.float32]:
+    """Reflectance (y, x, channel) of the sample in one view under one light."""
+    frame = WhiteFrame(holder.sample_mm / 1e3, holder.inner_mm / 1e3)
+    rig_from_sample = geometry.rotation_z(stack.step.axes_rad["turntable"])
+    merged = merge(stack)
+    seen = rectify(merged.radiance, camera, rig_from_sample, texels, frame.opening_m, merged.cfa)
+    white = white_frame_radiance(merged.radiance, camera, rig_from_sample, frame, merged.cfa)
+    return reflectance(seen, white, holder.white_reflectance).value
+
+
+class _Directions:
+    """Unit directions in the order in which they first appear; closer than a thousandth of a degree are one."""
+
+    def __init__(self) -> None:
+        self.found: list[Array] = []
+
+    def index(self, towards: Array) -> int:
+        direction = towards / np.linalg.norm(towards)
+        for number, known in enumerate(self.found):
+            if float(direction @ known) > 1 - 1e-10:
+                return number
+        self.found.append(direction)
+        return len(self.found) - 1

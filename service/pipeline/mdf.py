@@ -1,0 +1,59 @@
+"""The mesostructure distance function from the laser sweeps of an `mdf` session."""
+
+from collections.abc import Mapping
+from math import degrees, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from processing import geometry
+from processing.calibration import CameraModel
+from processing.holder import Holder
+from processing.laser_plane import LaserMount
+from processing.mdf import Sweep, mdf_from_sweeps
+from processing.products import Mdf
+from processing.radiometry import Sensor
+from rig.config import RigConfig
+from rig.sessions import FrameRecord, MdfPlan, Session
+from service.pipeline.calibration import camera_of, digest
+from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
+
+
+def make_mdf(session: Session, cameras: Mapping[str, CameraModel], progress: Progress) -> Path:
+    """The mesostructure distance function of every view that the laser sweeps saw."""
+    assert isinstance(session.plan, MdfPlan)
+    folder = session.products / "mdf"
+    records = session.frames()
+    inputs = fingerprint(records, {"texels": session.plan.texels, "cameras": digest(cameras)})
+    if is_current(folder, inputs):
+        return folder
+    holder = _holder(session.config)
+    sweeps = (_sweep(record, session.config, cameras) for record in progress.track(records, "laser sweeps"))
+    mdf, _ = mdf_from_sweeps(sweeps, holder, session.plan.texels)
+    Mdf(mdf.displacement_m, mdf.variance_m2, mdf.view_directions, mdf.side_m, provenance(session, inputs)).save(folder)
+    return folder
+
+
+def _sweep(record: FrameRecord, config: RigConfig, cameras: Mapping[str, CameraModel]) -> Sweep:
+    stored = zarr.open_array(store=record.path, mode="r")
+    about: dict[str, Any] = dict(stored.attrs)
+    slope, offset = np.reshape(np.asarray(about["noise_profile"], np.float64), (-1, 2)).mean(axis=0)
+    turntable_rad, arc_rad = record.step.axes_rad["turntable"], record.step.axes_rad["light_arc"]
+    assert config.laser is not None
+    elevation_deg = float((record.step.mount or {})["laser_elevation_deg"])
+    return Sweep(
+        view=f"{record.camera} at {degrees(turntable_rad):+.2f} deg",
+        frames=np.asarray(stored[:]),
+        sensor=Sensor.from_noise_profile(float(about["black_dn"]), float(about["white_dn"]), slope, offset),
+        camera=camera_of(cameras, record.camera),
+        rig_from_sample=geometry.rotation_z(turntable_rad),
+        mount=LaserMount(arc_rad, radians(elevation_deg), config.laser.distance_mm / 1e3),
+    )
+
+
+def _holder(config: RigConfig) -> Holder:
+    h = config.holder
+    lengths_mm = (h.sample_mm, h.inner_mm, h.outer_mm, h.step_mm, h.sample_depth_mm)
+    return Holder(*(length / 1e3 for length in lengths_mm))

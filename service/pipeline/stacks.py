@@ -1,0 +1,83 @@
+"""Bracketed exposures of a session, gathered and merged: one radiance image per pose, light and camera."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import cos, radians, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.errors import ImageError
+from processing.formats.raw import RawImage, read_raw
+from processing.hdr import Radiance, merge_exposures
+from rig.config import RigConfig
+from rig.sessions import FrameRecord, Step
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """All exposures of one camera in one pose under one light."""
+
+    camera: str
+    step: Step  # the first exposure's; pose and light are those of all
+    frames: tuple[FrameRecord, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MergedStack:
+    """The radiance mosaic of a stack in e-/s, its colour pattern, and the identities of its frames."""
+
+    radiance: Radiance
+    cfa: NDArray[np.uint8]
+    unique_ids: tuple[str, ...]
+
+
+def stacks(records: Iterable[FrameRecord]) -> list[Stack]:
+    """Gather the frames that differ in exposure alone, in the order in which they were taken."""
+    gathered: dict[tuple[object, ...], list[FrameRecord]] = {}
+    for record in records:
+        mounted = tuple(sorted((record.step.mount or {}).items()))
+        gathered.setdefault((record.camera, record.step.pose, record.step.lamps, mounted), []).append(record)
+    return [Stack(frames[0].camera, frames[0].step, tuple(frames)) for frames in gathered.values()]
+
+
+def merge(stack: Stack) -> MergedStack:
+    """Read every frame of a stack once and merge it. Raises ImageError where the frames do not belong together."""
+    images = [read_raw(record.path) for record in stack.frames]
+    _check_alike(stack, images)
+    mosaics = np.stack([image.mosaic for image in images])
+    radiance = merge_exposures(mosaics, [image.exposure_s for image in images], images[0].sensor)
+    return MergedStack(radiance, images[0].cfa, tuple(image.unique_id for image in images))
+
+
+def light_direction(config: RigConfig, step: Step) -> Array:
+    """Unit vector (3,) from the sample to the one lamp of a step, in the sample frame."""
+    name = _only_lamp(step)
+    lamp = config.lamps.lamp[name]
+    turntable_rad = 0.0 if lamp.mount == "arm" else step.axes_rad["turntable"]
+    azimuth_rad = step.axes_rad[lamp.mount] - turntable_rad
+    elevation_rad = radians(lamp.elevation_deg)
+    return np.array([cos(azimuth_rad) * cos(elevation_rad), sin(azimuth_rad) * cos(elevation_rad), sin(elevation_rad)])
+
+
+def lamp_distance_m(config: RigConfig, step: Step) -> float:
+    """Distance of the one lamp of a step from the rig's origin."""
+    return config.lamps.lamp[_only_lamp(step)].distance_mm / 1000
+
+
+def _only_lamp(step: Step) -> str:
+    if len(step.lamps) != 1:
+        raise ImageError(f"step {step.id}: {len(step.lamps)} lamps are lit; a material needs one light at a time.")
+    return step.lamps[0]
+
+
+def _check_alike(stack: Stack, images: list[RawImage]) -> None:
+    for record, image in zip(stack.frames, images, strict=True):
+        if (image.sensor, image.mosaic.shape, image.serial) != (
+            images[0].sensor,
+            images[0].mosaic.shape,
+            images[0].serial,
+        ):
+            raise ImageError(f"{record.path}: another camera or setting than {stack.frames[0].path.name}.")

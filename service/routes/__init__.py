@@ -1,0 +1,1 @@
+"""Routes of the REST service, one module a resource."""

@@ -1,0 +1,197 @@
+"""Errors of the demo's products against what the simulators know: for reports, never for processing."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.calibration import CameraModel
+from processing.hdr import PixelStatus
+from processing.products import Btf, FactoredBtf, Mdf, ReflectanceMaps, Srf, sphere_normals, tangent_frames
+from processing.products.sphere import gradient_grid
+from rig.sessions import MdfPlan, Session, SrfPlan, Step
+from service.pipeline.btf import btf_layout
+from service.pipeline.stacks import merge, stacks
+from service.simulation import Simulation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Distribution:
+    """How errors are spread: root mean square, median and 95th percentile of their size, and the largest."""
+
+    rms: float
+    median: float
+    p95: float
+    largest: float
+
+    @classmethod
+    def of(cls, errors: NDArray[np.floating]) -> "Distribution":
+        """Over the finite errors; NaN where there is none."""
+        size = np.abs(errors[np.isfinite(errors)]).astype(np.float64)
+        if size.size == 0:
+            return cls(*[float("nan")] * 4)
+        return cls(float(np.sqrt((size**2).mean())), *map(float, np.percentile(size, (50, 95, 100))))
+
+
+@dataclass(frozen=True, slots=True)
+class HdrErrors:
+    """Merged radiance against the noise-free mosaics: over all measured pixels, and in units of its own sigma."""
+
+    relative_rmse: float  # root of the summed squared error over the summed squared truth
+    per_pixel: Distribution  # relative, where the signal is over ten sigmas
+    normalised: Distribution  # error over sigma; RMS 1 where the variance tells the truth
+
+
+def hdr_errors(session: Session, truth: Path) -> HdrErrors:
+    """Every stack of a session against the truth of its first frame's pose and light."""
+    mosaics = {line["id"]: line["radiance"] for line in _frame_lines(truth)}
+    values, trues, sigmas = [], [], []
+    for stack in stacks(session.frames()):
+        merged = merge(stack)
+        measured = np.isin(merged.radiance.status, (PixelStatus.OK, PixelStatus.DARK))
+        values.append(merged.radiance.value[measured])
+        trues.append(np.load(truth / mosaics[merged.unique_ids[0]])[measured])
+        sigmas.append(np.sqrt(merged.radiance.variance[measured]))
+    value, true, sigma = (np.concatenate(parts).astype(np.float64) for parts in (values, trues, sigmas))
+    error = value - true
+    clear = true > 10 * sigma
+    relative = Distribution.of(error[clear] / true[clear])
+    return HdrErrors(float(np.sqrt((error**2).sum() / (true**2).sum())), relative, Distribution.of(error / sigma))
+
+
+@dataclass(frozen=True, eq=False)
+class SrfErrors:
+    """An SRF's reconstruction of the sphere under the measured lights, against the noise-free reflectance maps."""
+
+    mse_srf: float  # of linear values normalised to the largest true one
+    mse_phong: float
+    maps: Distribution  # of the measured maps themselves, relative to the largest true value
+    truth: NDArray[np.float32]
+    reconstruction: NDArray[np.float32]
+    lobe: NDArray[np.float32]
+
+    @property
+    def mse_over_phong(self) -> float:
+        """What the residual leaves of the lobe's error."""
+        return self.mse_srf / self.mse_phong
+
+
+def srf_errors(session: Session, maps: ReflectanceMaps, srf: Srf, simulation: Simulation) -> SrfErrors:
+    """Compare an SRF, its lobe alone, and the measured maps with the true maps of the same lights."""
+    assert isinstance(session.plan, SrfPlan)
+    size = maps.reflectance_cos.shape[1]
+    angles = [degrees(stack.step.axes_rad["arm"]) for stack in stacks(session.frames())]
+    reply = simulation.request("truth", what="srf", arm_deg=angles, size=size)
+    truth = np.load(reply["path"])
+    peak = float(np.nanmax(truth))
+    reconstruction = np.stack([_on_sphere(maps, srf, light) for light in range(len(truth))])
+    bare = Srf(np.zeros_like(srf.residual), srf.phong, srf.wrap)
+    lobe = np.stack([_on_sphere(maps, bare, light) for light in range(len(truth))])
+    valid = np.isfinite(truth) & np.isfinite(maps.reflectance_cos)
+    mse = [float((((model - truth)[valid] / peak) ** 2).mean()) for model in (reconstruction, lobe)]
+    measured = Distribution.of((maps.reflectance_cos - truth)[valid] / peak)
+    return SrfErrors(mse[0], mse[1], measured, truth, reconstruction, lobe)
+
+
+def _on_sphere(maps: ReflectanceMaps, srf: Srf, light: int) -> NDArray[np.float32]:
+    size = maps.reflectance_cos.shape[1]
+    normals = sphere_normals(size)
+    frames = tangent_frames(normals).reshape(-1, 3, 3)
+    towards, views = maps.lights()[light].reshape(-1, 3), maps.views().reshape(-1, 3)
+    uv = np.stack(np.meshgrid(*[(gradient_grid(size) + 1) / 2] * 2), axis=-1).reshape(-1, 2)
+    local = [np.einsum("nij,nj->ni", frames, directions) for directions in (towards, views)]
+    return np.asarray(srf.evaluate(uv, *local).reshape(size, size, 3), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class BtfErrors:
+    """A measured BTF, and its factored form, against the noise-free one, relative to the truth's RMS."""
+
+    relative_rmse: float
+    factored_rmse: float  # of the factors against the measured BTF
+    errors: Distribution
+    truth: NDArray[np.float32]
+
+
+def btf_errors(session: Session, cameras: Mapping[str, CameraModel], simulation: Simulation) -> BtfErrors:
+    """Compare with the true reflectance of every light and view pair."""
+    btf, factored = Btf.load(session.products / "btf"), FactoredBtf.load(session.products / "factored_btf")
+    gathered = stacks(session.frames())
+    truth = np.full_like(btf.reflectance, np.nan)
+    for stack, place in zip(gathered, btf_layout(gathered, session.config, cameras).places, strict=True):
+        reply = simulation.request(
+            "truth", what="btf", camera=stack.camera, lamp=stack.step.lamps[0], texels=truth.shape[2],
+            at=_at(stack.step),
+        )  # fmt: skip
+        truth[place] = np.load(reply["path"])
+    rms = float(np.sqrt(np.nanmean(truth.astype(np.float64) ** 2)))
+    rebuilt = np.einsum("klyxc,kv->lvyxc", factored.eigenmaps, factored.weights, optimize=True)
+    left = np.nanmean((rebuilt - btf.reflectance).astype(np.float64) ** 2)
+    whole = np.nanmean(btf.reflectance.astype(np.float64) ** 2)
+    spread = Distribution.of((btf.reflectance - truth) / rms)
+    return BtfErrors(spread.rms, float(np.sqrt(left / whole)), spread, truth)
+
+
+@dataclass(frozen=True, eq=False)
+class MdfErrors:
+    """Measured displacements against the true ones, in metres, and which texels were measured.
+
+    `completeness` counts the texels that the camera sees and at least one laser location lights. `false_points` are
+    measurements more than `FALSE_M` off, as a share of all.
+    """
+
+    error_m: Distribution
+    normalised: Distribution  # error over sigma
+    completeness: float
+    false_points: float
+    truth_m: NDArray[np.float64]
+    measured_m: NDArray[np.float32]
+
+
+FALSE_M = 5e-4
+
+
+def mdf_errors(session: Session, simulation: Simulation) -> MdfErrors:
+    """Compare every view with the true displacement along its rays."""
+    assert isinstance(session.plan, MdfPlan)
+    mdf = Mdf.load(session.products / "mdf")
+    truth: dict[tuple[str, float], Array] = {}
+    lit: dict[tuple[str, float], NDArray[np.bool_]] = {}
+    for record in session.frames():
+        view = (record.camera, record.step.axes_rad["turntable"])
+        reply = simulation.request(
+            "truth", what="displacement", camera=record.camera, texels=session.plan.texels, at=_at(record.step)
+        )
+        truth[view] = np.load(reply["path"])
+        lit[view] = np.load(reply["lit_path"]) | lit.get(view, np.False_)
+    true_m, reachable = np.stack(list(truth.values())), np.stack(list(lit.values()))
+    error = mdf.displacement_m - true_m
+    measured = np.isfinite(mdf.displacement_m)
+    within = reachable & np.isfinite(true_m)
+    return MdfErrors(
+        Distribution.of(error),
+        Distribution.of(error / np.sqrt(mdf.variance_m2)),
+        float((measured & within).sum() / within.sum()),
+        float((np.abs(error[measured]) > FALSE_M).mean()),
+        true_m,
+        mdf.displacement_m,
+    )
+
+
+def _at(step: Step) -> dict[str, object]:
+    """Where a step has the sample, the axes and the laser, as the control port reads it."""
+    mounted = step.mount or {}
+    axes = {f"{name}_deg": degrees(angle) for name, angle in step.axes_rad.items()}
+    laser = {key: mounted[key] for key in ("laser_elevation_deg",) if key in mounted}
+    return {"sample": mounted["sample"], **axes, **laser}
+
+
+def _frame_lines(truth: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (truth / "frames.jsonl").read_text(encoding="utf-8").splitlines()]

@@ -1,0 +1,83 @@
+"""Looking at products: a material on a shape, under a light that stands still or moves."""
+
+import json
+from collections.abc import Callable, Sequence
+from math import radians
+from pathlib import Path
+
+from processing.errors import ImageError
+from processing.products import FactoredBtf, Srf
+from render.materials import Material
+from render.mesh import Mesh
+from render.mesh_file import load_mesh
+from render.picture import contact_sheet, exposure_for, save_animation, save_image
+from render.preview import Preview
+from render.scene import Scene, framed, light, orbiting_light
+from render.shapes import captured_sphere, plane, sphere, torus, vase
+from render.srf import repeating
+
+ANIMATED = {".webp", ".gif", ".apng"}
+SHEET_COLUMNS = 4
+FRAMES = 24
+
+
+def load_material(folder: Path) -> Material:
+    """The SRF or factored BTF in a product folder. Raises ImageError where there is something else."""
+    try:
+        kind = json.loads((folder / "product.json").read_text(encoding="utf-8"))["kind"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ImageError(f"{folder}: not a product; `rig process SESSION` makes and names them.") from error
+    if kind == "srf":
+        return Srf.load(folder)
+    if kind == "factored_btf":
+        return FactoredBtf.load(folder)
+    raise ImageError(f"{folder}: a {kind} cannot be drawn on a shape; an srf or a factored_btf can.")
+
+
+def shape_for(material: Material, name: str) -> tuple[Material, Mesh]:
+    """A mesh by name or file, and the material as that mesh needs it; without a name the one it was captured on."""
+    captured = isinstance(material, Srf) and not material.wrap
+    if name in ("", "sphere"):
+        if captured:
+            return material, captured_sphere()
+        return material, plane() if name == "" else sphere()
+    covering = repeating(material) if isinstance(material, Srf) else material
+    shapes: dict[str, Callable[[], Mesh]] = {"plane": plane, "torus": torus, "vase": vase}
+    return covering, shapes[name]() if name in shapes else load_mesh(Path(name))
+
+
+def draw_product(product: Path, out: Path, shape: str, light_deg: tuple[float, float], size: int) -> str:
+    """Draw a product into `out`: one picture, or for .webp and .gif a light that goes round. Returns what was done."""
+    material, mesh = shape_for(load_material(product), shape)
+    scene = scene_of(material, mesh, light_deg, size)
+    with Preview((size, size)) as preview:
+        if out.suffix in ANIMATED:
+            draw_moving_light(preview, scene, out)
+        else:
+            picture = preview.draw(scene)
+            save_image(out, picture.srgb8(exposure_for([picture])))
+        return f"{out} (drawn by {preview.renderer_name})"
+
+
+def scene_of(material: Material, mesh: Mesh, light_deg: tuple[float, float], size: int) -> Scene:
+    """The mesh framed, seen from where its captured side or its top shows, under one light."""
+    if mesh.map_from_world is not None:
+        azimuth_deg, elevation_deg = 0.0, 0.0  # where the camera of the capture stood
+    else:
+        azimuth_deg, elevation_deg = -35.0, 38.0
+    camera = framed(mesh, (size, size), azimuth_rad=radians(azimuth_deg), elevation_rad=radians(elevation_deg))
+    return Scene(mesh, material, camera, (light(radians(light_deg[0]), radians(light_deg[1])),))
+
+
+def draw_moving_light(preview: Preview, scene: Scene, out: Path, *, arc_deg: float = 360.0) -> None:
+    """Animate the scene while its light turns by an arc about the vertical."""
+    pictures = preview.draw_all(orbiting_light(scene, FRAMES, arc_rad=radians(arc_deg)))
+    exposure = exposure_for(pictures)
+    save_animation(out, [picture.srgb8(exposure) for picture in pictures])
+
+
+def draw_sheet(preview: Preview, scenes: Sequence[Scene], out: Path) -> None:
+    """Scenes side by side, all at one exposure, so that light and dark compare."""
+    pictures = preview.draw_all(scenes)
+    exposure = exposure_for(pictures)
+    save_image(out, contact_sheet([picture.srgb8(exposure) for picture in pictures], SHEET_COLUMNS))

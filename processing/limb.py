@@ -52,9 +52,11 @@ def find_sphere(images: NDArray[np.floating]) -> SphereImage:
     """
     if images.ndim != 3 or 0 in images.shape:
         raise ImageError(f"expected images as light, row, column; got an array of shape {images.shape}")
-    level = np.nanpercentile(images, 99, axis=(1, 2), keepdims=True)
-    scaled = np.nan_to_num(np.divide(images, level, out=np.zeros(images.shape), where=level > 0))
-    brightest = np.where(np.isnan(images).any(axis=0), np.nan, scaled.max(axis=0))
+    missing = ~np.isfinite(images)
+    known = np.where(missing, 0.0, images)
+    level = np.percentile(known, 99, axis=(1, 2), keepdims=True)
+    scaled = np.divide(known, level, out=np.zeros(images.shape), where=level > 0)
+    brightest = np.where(missing.any(axis=0), np.nan, scaled.max(axis=0))
     circle = _rough_circle(scaled.sum(axis=0))
     for window_px in _WINDOWS_PX:
         sphere = _fit_circle(circle, *_limb_points(brightest, circle, window_px))
@@ -131,11 +133,14 @@ def _falls(profiles: Float64) -> Float64:
     """
     near, far = (round(distance / _STEP_PX) for distance in _PLATEAU_PX)
     outside = profiles[:, -2 * near :]
+    if np.isnan(outside).all():
+        return np.full(len(profiles), np.nan)
     dark = np.nanmedian(outside)
     noise = 1.4826 * np.nanmedian(np.abs(outside - dark))
     windows = np.lib.stride_tricks.sliding_window_view(profiles - dark, far - near, axis=1)
     plateau = windows.mean(axis=2)[:, : profiles.shape[1] - far]
-    lit = plateau > max(_LEAST_NOISES * noise, _LEAST_SHARE * float(np.nanmedian(plateau)))
+    typical = float(np.median(plateau[np.isfinite(plateau)])) if np.isfinite(plateau).any() else 0.0
+    lit = plateau > max(_LEAST_NOISES * noise, _LEAST_SHARE * typical)
     above = profiles[:, far:] - dark - plateau / 2
     crossing = lit[:, :-1] & (above[:, :-1] >= 0) & (above[:, 1:] < 0)
     last = crossing.shape[1] - 1 - np.argmax(crossing[:, ::-1], axis=1)

@@ -1,0 +1,260 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from processing.errors import ImageError
+from processing.phong import FitStatus
+from processing.products import BlinnPhong, Btf, ReflectanceMaps, half_vectors, sphere_normals, tangent_frames
+from processing.residual import RANK_TOLERANCE, NormalEquations, fit_residual, outer_products
+from processing.srf import (
+    fit_phong,
+    fit_phong_per_direction,
+    fit_phong_to_btf,
+    fit_srf,
+    fit_srf_to_btf,
+    sphere_measurements,
+)
+from tests.reference import residual as reference
+
+LOBE = BlinnPhong(np.array([0.3, 0.2, 0.1]), np.array([0.2, 0.2, 0.3]), 40.0)
+SIZE = 24
+NOISE = 0.003
+
+
+def maps_of(value, directions, noise=NOISE, *, light_distance=np.inf, view_distance=np.inf):
+    shape = (len(directions), SIZE, SIZE, 3)
+    distances = np.full(len(directions), light_distance)
+    variance = np.broadcast_to(np.asarray(noise**2, np.float32), shape)
+    return ReflectanceMaps(value.reshape(shape).astype(np.float32), variance, directions, distances, view_distance)
+
+
+def stone(rng, directions, *, lobe=LOBE, noise=NOISE, spread=0.03, **distances):
+    """Maps of a material that is exactly the lobe plus s . H, and s in the camera frame (texel, channel, 3)."""
+    empty = maps_of(np.ones((len(directions), SIZE * SIZE, 3)), directions, **distances)
+    measured = sphere_measurements(empty)
+    s = spread * rng.normal(size=(SIZE * SIZE, 3, 3))
+    value = lobe.evaluate_cosines(measured.cos_light, measured.cos_half)
+    value = np.where(measured.valid, value + np.einsum("dtk,tck->dtc", measured.half, s), 0.0)
+    return maps_of(value + noise * rng.normal(size=value.shape), directions, max(noise, 1e-6), **distances), s
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.sampled_from([1e-6, 0.03, 0.3]))
+def test_batched_solution_is_the_pseudo_inverses(seed, directions, tolerance):
+    rng = np.random.default_rng(seed)
+    half = rng.normal(size=(directions, 6, 3))
+    half[:, 3:, 1] = 0  # coplanar
+    half /= np.linalg.norm(half, axis=-1, keepdims=True)
+    delta = rng.normal(size=(directions, 6, 3))
+    weights = rng.random((directions, 6, 3)) * (rng.random((directions, 6, 3)) > 0.3)
+    delta[weights == 0] = np.nan
+    fit = fit_residual(delta, half, weights, tolerance)
+    vectors, rank = reference.fit(delta, half, weights, tolerance)
+    np.testing.assert_array_equal(fit.rank, rank)
+    scale = np.nanmax(np.abs(vectors), initial=1.0)
+    np.testing.assert_allclose(fit.vectors, vectors, atol=1e-6 * scale)
+
+
+def test_one_half_vector_for_all_texels_is_the_same_as_one_each(rng, arm_directions):
+    half = half_vectors(arm_directions, np.array([0.0, 0.0, -1.0]))
+    delta, weights = rng.normal(size=(12, 5, 3)), rng.random((12, 5, 3))
+    shared = fit_residual(delta, half, weights)
+    each = fit_residual(delta, np.repeat(half[:, None], 5, axis=1), weights)
+    np.testing.assert_array_equal(shared.vectors, each.vectors)
+    gram = np.einsum("dtc,dk->tck", weights, outer_products(half))
+    right = np.einsum("dtc,dtc,dk->tck", weights, delta, half)
+    np.testing.assert_allclose(NormalEquations(gram, right).solve().vectors, shared.vectors, atol=1e-9)
+
+
+def test_lights_on_a_circle_have_rank_two_and_no_noise_across_it(rng, arm_directions):
+    """A plain solve would return noise of any size in s_y; the shortest solution has none there at all."""
+    maps, s = stone(rng, arm_directions)
+    fit = fit_srf(maps, LOBE)
+    assert (fit.rank == 2).all()
+    frames = tangent_frames(sphere_normals(SIZE)).reshape(-1, 3, 3)
+    camera = np.einsum("tji,tcj->tci", frames, np.moveaxis(fit.srf.residual, 0, 2).reshape(-1, 3, 3))
+    assert np.abs(camera[..., 1]).max() < 1e-6
+    # H fans over 60 deg: singular values in the ratio of about 3.
+    assert 2 < np.median(fit.condition) < 5
+    assert np.abs(camera[..., [0, 2]] - s[..., [0, 2]]).max() < 10 * NOISE
+
+
+def test_near_lights_do_not_turn_their_one_percent_into_a_third_measurement(rng, arm_directions):
+    maps, _ = stone(rng, arm_directions, light_distance=12.0, view_distance=22.0)
+    fit = fit_srf(maps, LOBE)
+    assert (fit.rank == 2).all()
+    assert np.abs(fit.srf.residual).max() < 0.3
+
+
+def test_residual_of_an_exact_material_is_recovered_to_the_noise_bound(rng, arm_directions):
+    """Two determined unknowns per texel from up to twelve samples: mean squared error of the function 2 / N."""
+    maps, s = stone(rng, arm_directions)
+    fit = fit_srf(maps, LOBE)
+    measured = sphere_measurements(maps)
+    frames = tangent_frames(sphere_normals(SIZE)).reshape(-1, 3, 3)
+    camera = np.einsum("tji,tcj->tci", frames, np.moveaxis(fit.srf.residual, 0, 2).reshape(-1, 3, 3))
+    error = np.einsum("dtk,tck->dtc", measured.half, camera - s)[measured.valid]
+    count = measured.valid.sum(axis=0)
+    bound = NOISE * np.sqrt(2 * count.size / count.sum())
+    # 3456 pairs of unknowns: the ratio is good to 1 %.
+    assert np.sqrt(np.mean(error**2)) < 1.05 * bound
+    expected = (1 - 2 * count.size / count.sum()) * (NOISE / fit.peak) ** 2
+    assert fit.mse_srf == pytest.approx(expected, rel=0.05)
+
+
+def test_residual_lowers_the_error_and_figures_are_consistent(rng, arm_directions):
+    maps, _ = stone(rng, arm_directions)
+    fit = fit_srf(maps, LOBE)
+    assert fit.mse_over_phong < 0.1
+    assert fit.mse_over_variance < 0.1
+    assert fit.psnr_srf_db == pytest.approx(-10 * np.log10(fit.mse_srf))
+    assert fit.psnr_srf_db > fit.psnr_phong_db
+    assert (fit.status == FitStatus.CONVERGED).all()
+
+
+def test_joint_lobe_beats_the_average_of_single_directions(rng, arm_directions):
+    maps, _ = stone(rng, arm_directions)
+    measured = sphere_measurements(maps)
+    joint, (average, fits) = fit_phong(measured), fit_phong_per_direction(measured)
+    assert len(fits) == 12
+
+    def error(lobe):
+        return np.nanmean(np.where(measured.valid, measured.delta(lobe), np.nan) ** 2)
+
+    assert error(joint.phong) <= error(average) * 1.0001
+    np.testing.assert_allclose(joint.phong.exponent, LOBE.exponent, rtol=0.1)
+
+
+def test_one_light_has_rank_one(rng, arm_directions):
+    maps, _ = stone(rng, arm_directions[:1])
+    fit = fit_srf(maps, LOBE)
+    lit = fit.rank > 0
+    assert (fit.rank[lit] == 1).all()
+    assert (fit.status == FitStatus.TOO_FEW_SAMPLES).all()
+    assert np.isfinite(fit.srf.residual[lit]).all()
+    assert np.isnan(fit.srf.residual[~lit]).all()
+    # One equation, three unknowns: nothing is left over.
+    assert fit.mse_srf < 1e-12
+
+
+def test_all_shadow_is_the_lobe_alone(rng, arm_directions):
+    """Lights behind the sphere: no texel has a sample."""
+    maps = maps_of(np.zeros((12, SIZE * SIZE, 3)), arm_directions * [1, 1, -1] * [0.01, 1, 1])
+    fit = fit_srf(maps, LOBE)
+    assert np.isnan(fit.srf.residual).all()
+    assert (fit.rank == 0).all()
+    assert (fit.status == FitStatus.TOO_FEW_SAMPLES).all()
+    uv, up = np.full((1, 2), 0.5), np.array([[0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(fit.srf.evaluate(uv, up, up), LOBE.evaluate(up, up))
+
+
+def test_black_material_has_no_lobe_and_no_residual(arm_directions):
+    maps = maps_of(np.zeros((12, SIZE * SIZE, 3)), arm_directions)
+    lobe = fit_phong(sphere_measurements(maps)).phong
+    fit = fit_srf(maps, lobe)
+    assert (lobe.diffuse == 0).all()
+    assert np.abs(fit.srf.residual).max() == 0
+    assert (fit.mse_srf, fit.mse_over_phong, fit.mse_over_variance) == (0.0, 1.0, 1.0)
+
+
+def test_saturated_highlights_that_are_marked_change_nothing_else(rng, arm_directions):
+    maps, _ = stone(rng, arm_directions, noise=0.0)
+    value = maps.reflectance_cos.copy()
+    value[value > 0.4] = np.nan
+    assert 0 < np.isnan(value).mean() < 0.2
+    holed = maps_of(value, arm_directions, 1e-6)
+    whole, fit = fit_srf(maps, LOBE), fit_srf(holed, LOBE)
+    both = (fit.rank == 2) & (whole.rank == 2)
+    assert both.mean() > 0.9
+    np.testing.assert_allclose(fit.srf.residual[both], whole.srf.residual[both], atol=1e-4)
+
+
+def test_missing_texels_stay_missing(rng, arm_directions):
+    maps, _ = stone(rng, arm_directions)
+    value = maps.reflectance_cos.copy()
+    value[:, 3, 5] = np.nan
+    fit = fit_srf(maps_of(value, arm_directions), LOBE)
+    assert np.isnan(fit.srf.residual[:, 3, 5]).all()
+    assert np.isfinite(np.delete(fit.srf.residual.reshape(3, -1, 3), 3 * SIZE + 5, axis=1)).all()
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(-6, 6))
+def test_any_unit_gives_the_same_srf(decades):
+    rng, factor = np.random.default_rng(1), 10**decades
+    azimuth = np.radians([-60, -40, -20, 20, 40, 60])
+    directions = np.stack([np.sin(azimuth), np.zeros(6), -np.cos(azimuth)], axis=1)
+    maps, _ = stone(rng, directions)
+    scaled = maps_of(maps.reflectance_cos.astype(np.float64) * factor, directions, NOISE * factor)
+    here, there = fit_srf(maps, LOBE), fit_srf(scaled, BlinnPhong(LOBE.diffuse * factor, LOBE.specular * factor, 40.0))
+    np.testing.assert_allclose(there.srf.residual / factor, here.srf.residual, rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(there.mse_over_phong, here.mse_over_phong, rtol=1e-3)
+
+
+def test_noisier_samples_count_less(rng, arm_directions):
+    """One direction is ten times noisier and says so: the error stays near that of the eleven others."""
+    maps, s = stone(rng, arm_directions, noise=0.0)
+    noise = np.full((12, 1, 1, 1), NOISE)
+    noise[3] *= 10
+    value = maps.reflectance_cos + noise * rng.normal(size=maps.reflectance_cos.shape)
+    told = maps_of(value, arm_directions, noise)
+    untold = maps_of(value, arm_directions, np.sqrt(np.mean(noise**2)))
+
+    def error(given):
+        measured = sphere_measurements(given)
+        frames = tangent_frames(sphere_normals(SIZE)).reshape(-1, 3, 3)
+        residual = np.moveaxis(fit_srf(given, LOBE).srf.residual, 0, 2).reshape(-1, 3, 3)
+        camera = np.einsum("tji,tcj->tci", frames, residual)
+        return np.mean((np.einsum("dtk,tck->dtc", measured.half, camera - s)[measured.valid]) ** 2)
+
+    assert error(told) < 0.5 * error(untold)
+
+
+def test_four_channels_are_refused(arm_directions):
+    value = np.zeros((12, SIZE, SIZE, 4), np.float32)
+    maps = ReflectanceMaps(value, value + 1, arm_directions, np.full(12, np.inf), np.inf)
+    with pytest.raises(ImageError, match="channels"):
+        sphere_measurements(maps)
+
+
+def btf_of(rng, hemisphere, spread=0.03, texels=5):
+    """A BTF that is exactly the lobe plus s . H over its cosine, and s (texel, texel, channel, 3)."""
+    light, view = np.repeat(hemisphere, 40, axis=0), np.tile(hemisphere, (40, 1))
+    s = spread * rng.normal(size=(texels, texels, 3, 3))
+    value = LOBE.evaluate(light, view)[:, None, None] + np.einsum("dk,yxck->dyxc", half_vectors(light, view), s)
+    reflectance = (value / light[:, 2, None, None, None]).reshape(40, 40, texels, texels, 3)
+    return Btf(reflectance.astype(np.float32), hemisphere, hemisphere), s
+
+
+def test_a_btf_determines_all_three_components_without_a_turn(rng, hemisphere):
+    btf, s = btf_of(rng, hemisphere)
+    fit = fit_srf_to_btf(btf, LOBE)
+    assert (fit.rank == 3).all()
+    assert fit.srf.wrap
+    np.testing.assert_allclose(np.moveaxis(fit.srf.residual, 0, 2), s, atol=1e-5)
+    assert fit.mse_over_phong < 1e-6
+
+
+def test_the_lobe_of_a_btf_is_that_of_its_mean(rng, hemisphere):
+    btf, _ = btf_of(rng, hemisphere, spread=0.0)
+    lobe = fit_phong_to_btf(btf).phong
+    np.testing.assert_allclose(lobe.exponent, LOBE.exponent, rtol=1e-3)
+    np.testing.assert_allclose(lobe.diffuse, LOBE.diffuse, rtol=1e-3)
+
+
+def test_missing_samples_of_a_btf_take_no_part(rng, hemisphere):
+    btf, s = btf_of(rng, hemisphere)
+    btf.reflectance[rng.random(btf.reflectance.shape[:4]) < 0.3] = np.nan
+    fit = fit_srf_to_btf(btf, LOBE)
+    np.testing.assert_allclose(np.moveaxis(fit.srf.residual, 0, 2), s, atol=1e-5)
+
+
+def test_rank_tolerance_keeps_what_the_arm_measures_and_drops_what_it_does_not(rng, arm_directions):
+    """With all twelve lights; from 12 and 22 radii the half vectors leave their plane a little."""
+    maps, _ = stone(rng, arm_directions, light_distance=12.0, view_distance=22.0)
+    measured = sphere_measurements(maps)
+    lit = (measured.cos_light > 0).all(axis=0)
+    singular = np.linalg.svd(np.moveaxis(measured.half[:, lit], 0, 1), compute_uv=False)
+    assert (singular[:, 2] < RANK_TOLERANCE / 2 * singular[:, 0]).all()
+    assert (singular[:, 1] > RANK_TOLERANCE * 2 * singular[:, 0]).all()

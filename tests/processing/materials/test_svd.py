@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from processing.errors import ImageError
+from processing.products import Btf, StoredBtf
+from processing.svd import factor_btf
+from tests.reference.btf import eckart_young
+
+LIGHTS, VIEWS = 6, 9
+
+
+def directions(count, rng):
+    xy = rng.uniform(-0.6, 0.6, (count, 2))
+    return np.column_stack([xy, np.sqrt(1 - (xy**2).sum(axis=1))])
+
+
+def smooth_btf(rng, terms=VIEWS, height=18, width=7):
+    """Terms of falling strength, as of a real material."""
+    maps = rng.normal(size=(terms, LIGHTS, height, width, 3)) * 0.4 ** np.arange(terms)[:, None, None, None, None]
+    reflectance = np.einsum("klyxc,kv->lvyxc", maps, rng.normal(size=(terms, VIEWS)))
+    return Btf(reflectance.astype(np.float32), directions(LIGHTS, rng), directions(VIEWS, rng))
+
+
+def rebuilt(factored):
+    return np.einsum("klyxc,kv->lvyxc", factored.eigenmaps.astype(np.float64), factored.weights)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, VIEWS), st.integers(0, 2**32 - 1))
+def test_error_is_the_least_that_the_rank_allows(rank, seed):
+    btf = smooth_btf(np.random.default_rng(seed))
+    factors = factor_btf(btf, rank)
+    error = np.linalg.norm(rebuilt(factors.btf) - btf.reflectance) / np.linalg.norm(btf.reflectance)
+    # float32 factors add 1e-7 of the whole; it is all that full rank has.
+    assert error <= 1.001 * eckart_young(btf.reflectance, rank) + 1e-6
+    assert factors.relative_rmse(rank) == pytest.approx(error, rel=1e-3, abs=1e-6)
+
+
+def test_a_btf_of_three_terms_is_exact_at_rank_three(rng):
+    factors = factor_btf(smooth_btf(rng, terms=3), 3)
+    assert factors.relative_rmse(2) > 1e-3
+    assert factors.relative_rmse(3) < 1e-6
+
+
+def test_energy_rises_to_one(rng):
+    energy = factor_btf(smooth_btf(rng), 2).energy
+    assert (np.diff(energy) >= 0).all()
+    assert energy[-1] == pytest.approx(1)
+
+
+def test_factors_evaluate_to_the_measured_samples_at_full_rank(rng):
+    btf = smooth_btf(rng)
+    factored = factor_btf(btf, VIEWS).btf
+    np.testing.assert_allclose(rebuilt(factored), btf.reflectance, atol=1e-5)
+    np.testing.assert_allclose((factored.weights.astype(np.float64) ** 2).sum(axis=1), 1, atol=1e-6)
+
+
+def test_blocks_from_disk_give_the_same_factors(tmp_path, rng):
+    btf = smooth_btf(rng)
+    btf.save(tmp_path)
+    whole, streamed = factor_btf(Btf.load(tmp_path), 4), factor_btf(StoredBtf.open(tmp_path), 4)
+    np.testing.assert_allclose(rebuilt(streamed.btf), rebuilt(whole.btf), atol=1e-5)
+
+
+def test_scale_changes_the_eigenmaps_alone(rng):
+    btf = smooth_btf(rng)
+    reference = factor_btf(btf, 3)
+    for factor in (1e-6, 1e6):
+        scaled = factor_btf(Btf(btf.reflectance * np.float32(factor), btf.light_directions, btf.view_directions), 3)
+        np.testing.assert_allclose(scaled.btf.weights, reference.btf.weights, atol=1e-4)
+        assert scaled.relative_rmse(3) == pytest.approx(reference.relative_rmse(3), rel=1e-3)
+
+
+def test_missing_samples_count_with_the_mean_of_their_row(rng):
+    btf = smooth_btf(rng)
+    hole = (2, 4, 3, 5, 1)
+    filled, holed = btf.reflectance.copy(), btf.reflectance.copy()
+    filled[hole] = np.delete(btf.reflectance[2, :, 3, 5, 1], 4).mean()
+    holed[hole] = np.nan
+    args = (btf.light_directions, btf.view_directions)
+    expected, found = factor_btf(Btf(filled, *args), 4), factor_btf(Btf(holed, *args), 4)
+    np.testing.assert_allclose(rebuilt(found.btf), rebuilt(expected.btf), atol=1e-5)
+    assert found.missing == pytest.approx(1 / holed.size)
+
+
+def test_rows_without_any_sample_are_black(rng):
+    btf = smooth_btf(rng)
+    btf.reflectance[1] = np.nan
+    assert np.abs(factor_btf(btf, 4).btf.eigenmaps[:, 1]).max() == 0
+
+
+def test_a_black_btf_has_black_maps_and_no_error(rng):
+    btf = smooth_btf(rng)
+    factors = factor_btf(Btf(btf.reflectance * 0, btf.light_directions, btf.view_directions), 2)
+    assert (factors.btf.eigenmaps == 0).all()
+    assert factors.relative_rmse(1) == 0
+    assert (factors.energy == 1).all()
+
+
+@pytest.mark.parametrize("rank", [0, VIEWS + 1])
+def test_an_impossible_rank_is_named(rng, rank):
+    with pytest.raises(ImageError, match="views"):
+        factor_btf(smooth_btf(rng), rank)

@@ -35,7 +35,7 @@ from simulators.sensor import Sensor, generator
 from simulators.studio import Studio
 from simulators.truth import Argument, Truth
 
-SAMPLES = {"small": (2, 3), "full": (1, 2)}  # rays per pixel along each axis; the second for the printed board's edges
+SAMPLES = {"small": (2, 4), "full": (1, 2)}  # rays per pixel along each axis; the second for the printed board's edges
 SPECKLE = 0.03  # contrast
 BLUR_PX = 0.5  # standard deviation of the lens and the sensor's low-pass filter; the laser is taken as sharp
 VIEW_BYTES, MOSAIC_BYTES = 256 << 20, 64 << 20

@@ -4,13 +4,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from simulators.layout import BoardLayout
 from simulators.scene import Array, Floats, Hits, Mask, Material
 
 PIXELS_PER_MM = 20
 WHITE, BLACK = 0.85, 0.04  # albedo of paper and ink
+# Standard deviation of the print's edges. As wide as the spacing of the rays on the board asks for: of a sharper edge
+# rays tell the place in steps only, and corners would be found where they are not.
+INK_SPREAD_MM = 0.09
 
 
 @dataclass(frozen=True)
@@ -56,4 +59,5 @@ def _print(layout: BoardLayout) -> Floats:
     picture = board.generateImage((layout.columns * square_px, layout.rows * square_px), marginSize=0)
     margin_px = round(layout.margin_m * 1e3 * PIXELS_PER_MM)
     ink = np.pad(np.asarray(picture), margin_px, constant_values=255).astype(np.float32) / 255
-    return (BLACK + (WHITE - BLACK) * ink).astype(np.float32)
+    soft = gaussian_filter(ink, INK_SPREAD_MM * PIXELS_PER_MM, mode="nearest")
+    return np.asarray(BLACK + (WHITE - BLACK) * soft, np.float32)

@@ -162,7 +162,7 @@ def _block_exit(field: Field, p: Array, d: Array, t: float) -> float:
 def _march(field: Field, p: Array, d: Array, start: float, end: float) -> float:
     """First t in [start, end] at which p + t d lies on or under the relief; infinity where none does."""
     texel = field[2] / field[0].shape[0]
-    step = texel * 0.7 / max(abs(d[0]), abs(d[1]), 0.35 * abs(d[2]))
+    step = texel * 0.4 / max(abs(d[0]), abs(d[1]), 0.35 * abs(d[2]))
     t, above = start, start
     while True:
         if p[2] + t * d[2] <= _height(field, p[0] + t * d[0], p[1] + t * d[1]):

@@ -126,26 +126,23 @@ def _fractal(points: Array, seed: int, octaves: int) -> Array:
     for i in range(len(points)):
         scale, weight = 1.0, 1.0
         for octave in range(octaves):
-            out[i] += weight * _gradient_noise(points[i] * scale, seed * 31 + octave)
+            x, y, z = points[i, 0] * scale, points[i, 1] * scale, points[i, 2] * scale
+            out[i] += weight * _gradient_noise((x, y, z), seed * 31 + octave)
             scale, weight = scale * 2.03, weight * 0.5
     return out
 
 
 @numba.njit(cache=True)
-def _gradient_noise(point: Array, seed: int) -> float:
+def _gradient_noise(point: tuple[float, float, float], seed: int) -> float:
     """Random slopes at the corners of the unit lattice, blended by fifth-degree fades."""
     total = 0.0
-    low = np.floor(point)
-    inside = point - low
     for corner in range(8):
         weight, slope = 1.0, 0.0
         state = np.uint64(seed)
         for k in range(3):
-            bit = (corner >> k) & 1
-            state = _scramble(state ^ np.uint64(np.int64(low[k]) + bit))
+            state = _scramble(state ^ np.uint64(np.int64(np.floor(point[k])) + ((corner >> k) & 1)))
         for k in range(3):
-            bit = (corner >> k) & 1
-            offset = inside[k] - bit
+            offset = point[k] - np.floor(point[k]) - ((corner >> k) & 1)
             away = abs(offset)
             weight *= 1 - away * away * away * (away * (away * 6 - 15) + 10)
             slope += offset * (float((state >> np.uint64(21 * k)) & np.uint64(0x1FFFFF)) / 2.0**20 - 1.0)

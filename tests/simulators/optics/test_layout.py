@@ -1,0 +1,87 @@
+from math import atan2, degrees, radians
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.config import load_config
+from simulators.layout import build_layout, direction
+
+LAYOUT = build_layout(1, "small")
+ANGLES = st.floats(-3.1, 3.1)
+
+
+@pytest.mark.parametrize("size", ["small", "full"])
+def test_rig_toml_is_what_the_rig_reads(tmp_path, size):
+    layout = build_layout(3, size)
+    addresses = {name: f"127.0.0.1:{4000 + i}" for i, name in enumerate(layout.cameras)}
+    file = tmp_path / "rig.toml"
+    text = layout.rig_toml(bus="bus", dmx="dmx", tower="tower", cameras=addresses, clock="127.0.0.1:5000")
+    file.write_text(text, encoding="utf-8")
+    config = load_config(file)
+    assert {name: camera.address for name, camera in config.cameras.items()} == addresses
+    assert config.axes["light_arc"].forbidden_deg == ((-12.0, 12.0),)
+    assert config.cameras["front"].serial == "DS-0001"
+    assert [lamp.elevation_deg for lamp in config.lamps.lamp.values()] == [10, 20, 30, 40, 50, 60, 70, 80, 0]
+    assert config.holder.white_reflectance == layout.holder.albedo
+    assert config.laser is not None
+    assert config.clock is not None
+
+
+def test_rig_toml_without_a_clock_names_none():
+    addresses = dict.fromkeys(LAYOUT.cameras, "127.0.0.1:1")
+    assert "[clock]" not in LAYOUT.rig_toml(bus="a", dmx="b", tower="c", cameras=addresses)
+
+
+def test_unknown_size_is_refused():
+    with pytest.raises(ValueError, match="huge"):
+        build_layout(1, "huge")
+
+
+def test_true_cameras_are_near_nominal_and_differ_between_seeds():
+    for camera in LAYOUT.cameras.values():
+        nominal = camera.distance_m * direction(0.0, camera.elevation_rad)
+        place, axis = camera.rig_from_camera[:3, 3], camera.rig_from_camera[:3, 2]
+        assert 0 < np.linalg.norm(place - nominal) <= 0.002
+        assert degrees(np.arccos(min(1.0, axis @ -direction(0.0, camera.elevation_rad)))) <= 0.3
+        turn = camera.rig_from_camera[:3, :3]
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(turn) > 0
+    other = build_layout(2, "small").cameras["cam3"].rig_from_camera
+    assert not np.allclose(other, LAYOUT.cameras["cam3"].rig_from_camera)
+
+
+@given(ANGLES, ANGLES)
+def test_lamps_follow_their_own_carrier(arc_rad, arm_rad):
+    lamp, led = LAYOUT.lamp_position("lamp2", arc_rad, arm_rad), LAYOUT.lamp_position("led", arc_rad, arm_rad)
+    assert np.linalg.norm(lamp) == pytest.approx(0.9)
+    assert atan2(lamp[1], lamp[0]) == pytest.approx(arc_rad)
+    assert lamp[2] == pytest.approx(0.9 * np.sin(radians(30)))
+    np.testing.assert_allclose(led, 0.6 * np.array([np.cos(arm_rad), np.sin(arm_rad), 0]), atol=1e-12)
+
+
+@given(ANGLES, st.sampled_from([35.0, 50.0]), st.floats(0, 480))
+def test_fan_plane_holds_source_and_a_trace_square_to_the_azimuth(arc_rad, elevation_deg, ticks):
+    laser, elevation_rad = LAYOUT.laser, radians(elevation_deg)
+    normal, offset = laser.plane(arc_rad, elevation_rad, laser.fan_rad(ticks, elevation_rad))
+    assert np.linalg.norm(normal) == pytest.approx(1)
+    assert normal @ laser.source(arc_rad, elevation_rad) == pytest.approx(offset)
+    assert normal @ direction(arc_rad + np.pi / 2, 0.0) == pytest.approx(0, abs=1e-12)
+    trace_m = offset / (normal @ direction(arc_rad, 0.0))
+    assert abs(trace_m) <= 0.052 + 1e-9
+
+
+@pytest.mark.parametrize(("ticks", "trace_m"), [(0, -0.052), (480, 0.052)])
+@pytest.mark.parametrize("elevation_deg", [35.0, 50.0])
+def test_sweep_runs_from_end_to_end(ticks, trace_m, elevation_deg):
+    laser, elevation_rad = LAYOUT.laser, radians(elevation_deg)
+    normal, offset = laser.plane(0.0, elevation_rad, laser.fan_rad(ticks, elevation_rad))
+    assert offset / normal[0] == pytest.approx(trace_m)
+
+
+def test_board_poses_tilt_up_to_thirty_degrees():
+    np.testing.assert_array_equal(LAYOUT.rig_from_board(0), np.eye(4))
+    tilts_deg = [degrees(np.arccos(LAYOUT.rig_from_board(k)[2, 2])) for k in range(1, 12)]
+    assert 10 < min(tilts_deg)
+    assert max(tilts_deg) <= 30

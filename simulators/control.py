@@ -117,5 +117,5 @@ def _posed(pose: Pose, at: Mapping[str, Any]) -> Pose:
     unknown = set(at) - {*fields, "sample"}
     if unknown:
         raise ControlError(f"at: {sorted(unknown)[0]!r} is none of sample, {', '.join(fields)}")
-    angles = {field: radians(float(at[name])) for name, field in fields.items() if name in at}
+    angles: dict[str, Any] = {field: radians(float(at[name])) for name, field in fields.items() if name in at}
     return replace(pose, sample=str(at.get("sample", pose.sample)), **angles)

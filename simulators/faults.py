@@ -7,12 +7,14 @@ process. A fault without `at_message` and `at_time_s` strikes at the next occasi
 
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Collection, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from simulators.layout import Layout
 from simulators.motor import keyed_uniform
 
 
@@ -50,45 +52,39 @@ KINDS: Mapping[str, Occasion] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Fault:
+class Fault(BaseModel):
     """One entry of the schedule; `count` successive occasions are struck, each with `probability`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     device: str
     kind: str
-    at_message: int | None = None
-    at_time_s: float | None = None
-    count: int = 1
-    probability: float = 1.0
-    seconds: float = 0.0
+    at_message: int | None = Field(default=None, ge=1)
+    at_time_s: float | None = Field(default=None, ge=0)
+    count: int = Field(default=1, ge=1)
+    probability: float = Field(default=1.0, gt=0, le=1)
+    seconds: float = Field(default=0.0, ge=0)
     steps: int = 0
     other: str = ""
 
 
-def parse_fault(entry: Mapping[str, Any], devices: Iterable[str]) -> Fault:
-    """A fault from its TOML table or JSON object. Raises FaultError, which says what would be allowed."""
-    unknown = set(entry) - {field.name for field in fields(Fault)}
-    if unknown:
-        raise FaultError(f"unknown fault field {sorted(unknown)[0]!r}")
-    missing = {"device", "kind"} - set(entry)
-    if missing:
-        raise FaultError(f"a fault needs {sorted(missing)[0]!r}")
-    if entry["kind"] not in KINDS:
-        raise FaultError(f"unknown fault kind {entry['kind']!r}: one of {', '.join(KINDS)}")
-    known = sorted(devices)
-    if entry["device"] not in known:
-        raise FaultError(f"unknown device {entry['device']!r}: one of {', '.join(known)}")
-    if entry["kind"] == "wrong_camera" and entry.get("other") not in known:
-        raise FaultError(f"a wrong camera needs 'other', one of {', '.join(known)}")
-    return Fault(**entry)
+def fault_devices(layout: Layout) -> dict[Occasion, tuple[str, ...]]:
+    """The names that faults of each occasion can strike."""
+    cameras, axes = tuple(layout.cameras), tuple(layout.axes)
+    return {
+        Occasion.MESSAGE: ("bus", "dmx", "tower", *axes, *cameras),
+        Occasion.FRAME: cameras,
+        Occasion.MOVE: axes,
+        Occasion.LAMP: tuple(layout.lamps),
+    }
 
 
 class FaultSchedule:
     """The faults of a run and what has become of them."""
 
-    def __init__(self, seed: int, devices: Iterable[str]) -> None:
+    def __init__(self, seed: int, devices: Mapping[Occasion, Collection[str]]) -> None:
         self._seed = seed
-        self._devices = frozenset(devices)
+        self._devices = devices
         self._faults: list[Fault] = []
         self._struck: Counter[int] = Counter()
         self._seen: Counter[tuple[str, Occasion]] = Counter()
@@ -103,8 +99,20 @@ class FaultSchedule:
             self.add(entry)
 
     def add(self, entry: Mapping[str, Any]) -> None:
-        """Add one fault. Raises FaultError."""
-        self._faults.append(parse_fault(entry, self._devices))
+        """Add one fault. Raises FaultError, which says what would be allowed."""
+        try:
+            fault = Fault.model_validate(entry)
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise FaultError(f"fault: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+        if fault.kind not in KINDS:
+            raise FaultError(f"unknown fault kind {fault.kind!r}: one of {', '.join(KINDS)}")
+        devices = self._devices[KINDS[fault.kind]]
+        if fault.device not in devices:
+            raise FaultError(f"no {fault.kind} of {fault.device!r}: one of {', '.join(devices)}")
+        if fault.kind == "wrong_camera" and fault.other not in devices:
+            raise FaultError(f"a wrong camera needs 'other', one of {', '.join(devices)}")
+        self._faults.append(fault)
 
     def clear(self) -> None:
         """Mend everything; the counts go on."""
@@ -113,7 +121,7 @@ class FaultSchedule:
 
     def listed(self) -> list[dict[str, Any]]:
         """All faults with the number of times each has struck."""
-        return [asdict(fault) | {"struck": self._struck[i]} for i, fault in enumerate(self._faults)]
+        return [fault.model_dump() | {"struck": self._struck[i]} for i, fault in enumerate(self._faults)]
 
     def seen(self) -> dict[str, dict[str, int]]:
         """How many occasions of each kind each device has had."""

@@ -34,6 +34,8 @@ class Motion:
 
     def at(self, time_ns: int) -> tuple[float, float]:
         """Position and velocity at that time."""
+        if self.end_ns is not None and time_ns >= self.end_ns:
+            return self.end, 0.0
         elapsed_s = (time_ns - self.start_ns) / NS_PER_S
         for leg in self.legs:
             if elapsed_s < leg.duration_s:

@@ -11,7 +11,7 @@ from simulators.axes import Bus, Module
 from simulators.camera import Camera
 from simulators.clock import Clock
 from simulators.control import Control
-from simulators.faults import FaultSchedule
+from simulators.faults import FaultSchedule, fault_devices
 from simulators.lamps import Widget
 from simulators.laser_unit import Brick, Tower
 from simulators.line import Line
@@ -49,8 +49,7 @@ class Laboratory:
         self.loop = Loop(self.clock)
         self.optics = Optics(settings.seed, settings.size, state / "truth")
         self.layout = self.optics.layout
-        devices = (*SERIAL_WIRES, *self.layout.axes, *self.layout.lamps, *self.layout.cameras)
-        self.faults = FaultSchedule(settings.seed, devices)
+        self.faults = FaultSchedule(settings.seed, fault_devices(self.layout))
         if settings.faults is not None:
             self.faults.load(settings.faults)
         self.world = World(self.clock, self.faults, self.layout)

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from processing.products import sphere_uv, tangent_frames
 from render.arrays import Float64, Rows, unit
 from render.mesh import perpendicular
 
 
-def tangent_frames(normal: Rows, tangent: Rows) -> Float64:
+def vertex_frames(normal: Rows, tangent: Rows) -> Float64:
     """Rows t, b, n (n, 3, 3) from interpolated normals (n, 3) and tangents (n, 4): orthonormal, b = w n x t."""
     n = unit(normal)
     t = perpendicular(tangent[:, :3], n)
@@ -17,16 +18,13 @@ def tangent_frames(normal: Rows, tangent: Rows) -> Float64:
 def gradient_frames(normal: Rows, map_from_world: Rows) -> tuple[Float64, Float64]:
     """Texture coordinates (n, 2) and rows t, b, n (n, 3, 3) in the world frame, of a captured sphere.
 
-    In the map's frame p = -n_x / n_z and q = -n_y / n_z, and the map spans p, q in [-1, 1]: u = (p + 1) / 2,
-    v = (q + 1) / 2. With sin(phi) = n_y and n_x = cos(phi) cos(theta): t = (sin(theta), 0, cos(theta)) along growing p
-    and b = n x t; both are the paper's frame turned by half a turn about n, so that b runs against q as on every mesh.
-    Where the sphere turns away from the capture's camera (n_z >= 0) the map's rim goes on.
-    Source: Ma et al. 2004, 4.4 and 6.2.
+    Both follow from the normal in the map's frame, as processing.products defines them. Beyond the map, where p or q
+    leaves [-1, 1], the map is mirrored once, up to 3, and with it the frame: nothing was measured there.
     """
     n = unit(normal) @ np.asarray(map_from_world, dtype=np.float64).T
-    facing = np.minimum(n[:, 2], -1e-4)
-    uv = 0.5 - 0.5 * n[:, :2] / facing[:, None]
-    cos_phi = np.sqrt(np.maximum(n[:, 0] ** 2 + n[:, 2] ** 2, 1e-12))
-    zero = np.zeros(len(n))
-    t = np.stack([-n[:, 2] / cos_phi, zero, n[:, 0] / cos_phi], axis=1)
-    return uv, np.stack([t, np.cross(n, t), n], axis=1) @ map_from_world
+    facing = n.copy()
+    facing[:, 2] = np.minimum(n[:, 2], -1e-4)
+    endless = np.clip(sphere_uv(facing), -1.0, 2.0)
+    frames = tangent_frames(n)
+    frames[:, :2] *= np.where((endless < 0.0) | (endless > 1.0), -1.0, 1.0)[:, :, None]
+    return 1.0 - np.abs(1.0 - np.abs(endless)), np.asarray(frames @ map_from_world)

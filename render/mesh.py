@@ -74,13 +74,13 @@ def perpendicular(tangent: Rows, normal: Rows) -> Float64:
 
 
 def angle_weighted_normals(positions: Rows, triangles: Int32) -> Float64:
-    """Vertex normals (n, 3): the unit normals of the triangles around, each by its angle at the vertex."""
+    """Sums (n, 3), not of unit length, of the unit normals of the triangles around, each by its angle at the vertex."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     face = unit(np.cross(b - a, c - a))
     normals = np.zeros_like(positions, dtype=np.float64)
     for corner, angle in enumerate(_corner_angles(positions, triangles).T):
         np.add.at(normals, triangles[:, corner], angle[:, None] * face)
-    return unit(normals)
+    return normals
 
 
 def grid_mesh(

@@ -66,7 +66,7 @@ def _smooth_normals(positions: Rows, triangles: Int32) -> Float64:
     _, place = np.unique(positions, axis=0, return_inverse=True)
     shared = np.zeros((int(place.max()) + 1, 3))
     np.add.at(shared, place.ravel(), own)
-    together = unit(shared)[place.ravel()]
+    own, together = unit(own), unit(shared)[place.ravel()]
     return np.where(dot(own, together) > _SMOOTH_COSINE, together, own)
 
 
@@ -83,5 +83,5 @@ def _box_mapping(positions: Rows, normals: Rows, triangles: Int32) -> tuple[Floa
     # Right and up as seen from outside, for +X, -X, +Y, -Y, +Z, -Z.
     right = np.array([[0, 1, 0], [0, -1, 0], [-1, 0, 0], [1, 0, 0], [1, 0, 0], [-1, 0, 0]])[side]
     up = np.array([[0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 1, 0]])[side]
-    uv = np.hstack([dot(right, local), 1.0 - dot(up, local)])
+    uv = np.hstack([dot(right, local) + (right.min(axis=1, keepdims=True) < 0), 1.0 - dot(up, local)])
     return positions[vertex], normals[vertex], uv, corner.reshape(triangles.shape).astype(np.int32)

@@ -187,7 +187,8 @@ def _set_scene(program: moderngl.Program, scene: Scene, lights: tuple[Light, ...
     directions, irradiances = np.zeros((2, MAX_LIGHTS + 1, 3), dtype=np.float32)
     directions[: len(lights)] = [light.direction for light in lights]
     # Ambient light is one more pass of the shader's loop, whose direction is zero: a branch would cost every pixel.
-    irradiances[: len(lights) + 1] = [*(light.irradiance for light in lights), scene.ambient]
+    irradiances[: len(lights)] = [light.irradiance for light in lights]
+    irradiances[len(lights)] = scene.ambient
     set_uniform(program, "light_count", len(lights) + any(scene.ambient))
     _write(program, "light_direction", directions)
     _write(program, "light_irradiance", irradiances)

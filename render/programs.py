@@ -12,8 +12,10 @@ from render.errors import ShaderError
 SHADERS = Path(__file__).parent / "shaders"
 _VERSION = "#version 330 core"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
-# Mesa writes 1:23(4), NVIDIA 1(23), others ERROR: 1:23.
-_PLACE = re.compile(r"\b(\d+)(?::(\d+)(?:\(\d+\))?|\((\d+)\))")
+# Lines are numbered from a multiple of this, another one for each file: Mesa loses the source number of most errors.
+_LINES_PER_FILE = 10_000
+# Mesa writes 0:23(4), NVIDIA 0(23), others ERROR: 0:23.
+_PLACE = re.compile(r"\b\d+(?::(\d+)(?:\(\d+\))?|\((\d+)\))")
 
 
 @dataclass(frozen=True)
@@ -69,26 +71,26 @@ def _lines(folder: Path, name: str, files: list[str], seen: set[str]) -> list[st
         text = (folder / name).read_text(encoding="utf-8")
     except OSError as error:
         raise ShaderError(f"{name}: the shader cannot be read: {error.strerror}") from error
-    number = len(files)
+    first = _LINES_PER_FILE * len(files) + 1
     files.append(name)
-    lines = [f"#line 1 {number}"]
-    for index, line in enumerate(text.splitlines(), start=1):
+    lines = [f"#line {first}"]
+    for number, line in enumerate(text.splitlines(), start=first):
         included = _INCLUDE.match(line)
         if included is None:
             lines.append(line)
         elif included[1] not in seen:
-            lines += [*_lines(folder, included[1], files, seen), f"#line {index + 1} {number}"]
+            lines += [*_lines(folder, included[1], files, seen), f"#line {number + 1}"]
         else:
             lines.append("")
     return lines
 
 
 def _with_file_names(message: str, files: list[str]) -> str:
-    """The driver's message with `file:line` in place of its source numbers."""
+    """The errors of the driver's message with `file:line` in place of its numbers."""
 
     def named(place: re.Match[str]) -> str:
-        number = int(place[1])
-        return f"{files[number]}:{place[2] or place[3]}" if number < len(files) else place[0]
+        file, line = divmod(int(place[1] or place[2]), _LINES_PER_FILE)
+        return f"{files[file]}:{line}" if file < len(files) else place[0]
 
     wanted = [line.strip() for line in message.splitlines() if "error" in line.lower()]
     return "; ".join(_PLACE.sub(named, line) for line in wanted) or message.strip()

@@ -4,7 +4,7 @@ import numpy as np
 
 from render.arrays import Float64, Rows, unit
 from render.camera import Camera
-from render.frames import gradient_frames, tangent_frames
+from render.frames import gradient_frames, vertex_frames
 from render.materials import outgoing
 from render.mesh import Mesh
 from render.picture import Picture
@@ -58,7 +58,7 @@ def surface(mesh: Mesh, camera: Camera, fragments: Fragments) -> tuple[Float64, 
         uv, frames = gradient_frames(normal, mesh.map_from_world)
     else:
         uv = fragments.interpolate(mesh, mesh.uv)
-        frames = tangent_frames(normal, fragments.interpolate(mesh, mesh.tangents))
+        frames = vertex_frames(normal, fragments.interpolate(mesh, mesh.tangents))
     return uv, frames, unit(_rotated(frames, camera.eye - fragments.interpolate(mesh, mesh.positions)))
 
 

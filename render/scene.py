@@ -86,10 +86,11 @@ def _fits(camera: Camera, positions: Rows, share: float) -> bool:
 def orbiting_light(scene: Scene, frames: int, *, arc_rad: float = 2.0 * np.pi) -> Iterator[Scene]:
     """The scene once per frame while its first light turns about the world's Z axis.
 
-    A full turn is a loop without a doubled frame; a smaller arc swings to and fro around the light's own azimuth.
+    A full turn is a loop without a doubled frame; a smaller arc swings to and fro around the light's own azimuth,
+    from its lower end.
     """
     turn = np.arange(frames) / frames
-    angles_rad = arc_rad * turn if arc_rad >= 2.0 * np.pi else 0.5 * arc_rad * np.sin(2.0 * np.pi * turn)
+    angles_rad = arc_rad * turn if arc_rad >= 2.0 * np.pi else -0.5 * arc_rad * np.cos(2.0 * np.pi * turn)
     for angle_rad in angles_rad:
         cos, sin = np.cos(angle_rad), np.sin(angle_rad)
         about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

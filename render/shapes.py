@@ -8,12 +8,15 @@ from scipy.interpolate import CubicSpline
 from render.arrays import Float64, Rows
 from render.mesh import Mesh, grid_mesh
 
+# A camera at azimuth 0 that looks along -X: x = +Y, y = -Z, z = -X of the rig frame.
+MAP_FROM_RIG = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+
 # Radius and height along the vase's outline, from the middle of its foot up the outside, over the lip, down inside.
 _VASE_OUTLINE = np.array(
     [
-        [0.02, 0.0], [0.30, 0.0], [0.36, 0.025], [0.34, 0.07], [0.40, 0.20], [0.56, 0.50], [0.62, 0.78], [0.55, 1.06],
+        [0.0, 0.0], [0.30, 0.0], [0.36, 0.025], [0.34, 0.07], [0.40, 0.20], [0.56, 0.50], [0.62, 0.78], [0.55, 1.06],
         [0.36, 1.32], [0.25, 1.52], [0.24, 1.68], [0.31, 1.84], [0.37, 1.90], [0.36, 1.925], [0.31, 1.89],
-        [0.20, 1.68], [0.21, 1.50], [0.32, 1.28], [0.50, 1.02], [0.56, 0.76], [0.50, 0.48], [0.30, 0.15], [0.02, 0.08],
+        [0.20, 1.68], [0.21, 1.50], [0.32, 1.28], [0.50, 1.02], [0.56, 0.76], [0.50, 0.48], [0.30, 0.15], [0.0, 0.08],
     ]
 )  # fmt: skip
 
@@ -28,10 +31,13 @@ def sphere(radius: float = 1.0, *, tiles: tuple[float, float] = (4.0, 2.0), shap
     return grid_mesh(surface, shape, tiles)
 
 
-def captured_sphere(map_from_world: Rows, radius: float = 1.0, *, shape: tuple[int, int] = (64, 128)) -> Mesh:
+def captured_sphere(
+    radius: float = 1.0, *, map_from_world: Rows = MAP_FROM_RIG, shape: tuple[int, int] = (64, 128)
+) -> Mesh:
     """The sphere that a reflectance map was taken from, which finds its texel by the normal.
 
-    `map_from_world` (3, 3) turns world directions into the frame of the capture's camera (x right, y down, z forward).
+    `map_from_world` (3, 3) turns world directions into the frame of the capture's camera (x right, y down, z forward);
+    as it stands, the world is the rig's frame, and azimuth 0 shows what that camera saw.
     """
     return replace(sphere(radius, shape=shape), map_from_world=np.asarray(map_from_world, dtype=np.float64))
 
@@ -65,8 +71,8 @@ def torus(
     return grid_mesh(surface, shape, tiles)
 
 
-def vase(*, tiles: tuple[float, float] = (4.0, 4.0), shape: tuple[int, int] = (96, 128)) -> Mesh:
-    """A vase turned about the Z axis, standing on z = 0, with a wall: closed but for the axis; 24 000 triangles."""
+def vase(*, tiles: tuple[float, float] = (4.0, 4.0), shape: tuple[int, int] = (112, 112)) -> Mesh:
+    """A vase turned about the Z axis, standing on z = 0, with a wall: closed, 25 000 triangles."""
     chord = np.linalg.norm(np.diff(_VASE_OUTLINE, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(np.sqrt(chord))])
     outline = CubicSpline(length / length[-1], _VASE_OUTLINE)

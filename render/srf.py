@@ -1,5 +1,7 @@
 """The spatially varying residual function on the graphics card; its shader is shaders/srf.frag."""
 
+from dataclasses import replace
+
 import moderngl
 import numpy as np
 
@@ -24,6 +26,19 @@ def upload(context: moderngl.Context, srf: Srf) -> Binding:
             "wrap": bool(srf.wrap),
         },
     )
+
+
+def repeating(srf: Srf) -> Srf:
+    """A map that ends, such as a sphere's, as a texture that repeats: mirrored at every border, so that values meet.
+
+    Four times the texels. A mirror turns t or b round, and the residual's component with it.
+    """
+    if srf.wrap:
+        return srf
+    right = srf.residual[:, :, ::-1] * np.array([-1.0, 1.0, 1.0], dtype=np.float32)
+    row = np.concatenate([srf.residual, right], axis=2)
+    below = row[:, ::-1] * np.array([1.0, -1.0, 1.0], dtype=np.float32)
+    return replace(srf, residual=np.concatenate([row, below], axis=1), wrap=True)
 
 
 def outgoing(srf: Srf, uv: Rows, light: Rows, view: Rows) -> Float64:

@@ -1,0 +1,59 @@
+"""What is wrong with a shader is said with its file and line."""
+
+from pathlib import Path
+
+import pytest
+
+from render.errors import ShaderError
+from render.programs import SHADERS, compile_program
+
+VERTEX = "in vec3 position;\nvoid main() { gl_Position = vec4(position, 1.0); }\n"
+INCLUDED = "// one\n// two\nfloat broken() { return nothing; }\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "a.vert").write_text(VERTEX)
+    return tmp_path
+
+
+def test_error_names_file_and_line(gl, folder):
+    (folder / "a.frag").write_text("out vec4 colour;\n\nvoid main() { colour = vec3(1.0); }\n")
+    with gl.context, pytest.raises(ShaderError, match=r"a\.frag:3"):
+        compile_program(gl.context, "a.vert", "a.frag", folder=folder)
+
+
+def test_error_in_an_included_file_names_that_file(gl, folder):
+    (folder / "part.glsl").write_text(INCLUDED)
+    (folder / "a.frag").write_text(
+        '\n\n#include "part.glsl"\nout vec4 colour;\nvoid main() { colour = vec4(broken()); }\n'
+    )
+    with gl.context, pytest.raises(ShaderError, match=r"part\.glsl:3"):
+        compile_program(gl.context, "a.vert", "a.frag", folder=folder)
+
+
+def test_line_numbers_go_on_after_an_include(gl, folder):
+    (folder / "part.glsl").write_text("float whole() { return 1.0; }\n")
+    (folder / "a.frag").write_text('#include "part.glsl"\n\nout vec4 colour;\nvoid main() { colour = whole(); }\n')
+    with gl.context, pytest.raises(ShaderError, match=r"a\.frag:4"):
+        compile_program(gl.context, "a.vert", "a.frag", folder=folder)
+
+
+def test_error_in_the_vertex_shader_names_it(gl, folder):
+    (folder / "b.vert").write_text("void main() {\n gl_Position = 1;\n}\n")
+    (folder / "a.frag").write_text("out vec4 colour;\nvoid main() { colour = vec4(1.0); }\n")
+    with gl.context, pytest.raises(ShaderError, match=r"b\.vert:2"):
+        compile_program(gl.context, "b.vert", "a.frag", folder=folder)
+
+
+def test_missing_shader_is_named(gl, folder):
+    (folder / "a.frag").write_text('#include "absent.glsl"\n')
+    with gl.context, pytest.raises(ShaderError, match=r"absent\.glsl: the shader cannot be read"):
+        compile_program(gl.context, "a.vert", "a.frag", folder=folder)
+
+
+@pytest.mark.parametrize("shader", sorted(path.name for path in SHADERS.glob("*.frag")))
+@pytest.mark.parametrize("defines", [(), ("G_BUFFER",), ("GRADIENT_MAP",), ("G_BUFFER", "GRADIENT_MAP")])
+def test_every_variant_of_every_shader_compiles(gl, shader, defines):
+    with gl.context:
+        compile_program(gl.context, "surface.vert", shader, frozenset(defines)).release()

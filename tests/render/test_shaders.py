@@ -1,0 +1,145 @@
+"""Each shader gives the values of its NumPy reference on exactly the same inputs.
+
+The bound is 1e-3 of the value (of a thousandth of the peak where the value is smaller). float32 rounds terms of the
+size of the peak to 6e-8 of it, which is 6e-5 of that floor; a dozen such terms stay under the bound.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from processing.products import BlinnPhong, DirectionMesh
+from render.comparison import gl_vs_reference, relative_error
+from render.errors import MaterialError
+from render.materials import outgoing, upload
+from render.scene import light
+from render.shapes import captured_sphere, plane, sphere, torus, vase
+from render.srf import repeating
+from tests.render import synthetic
+
+BOUND = 1e-3
+MESHES = {"sphere": sphere(), "plane": plane(tiles=(2.0, 3.0)), "torus": torus(), "vase": vase(shape=(48, 64))}
+
+
+@pytest.fixture(params=["srf", "btf", "flat"])
+def material(request):
+    return request.getfixturevalue(request.param)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_shader_equals_reference(gl, material, name):
+    assert gl_vs_reference(material, MESHES[name], size=(160, 160), renderer=gl) <= BOUND
+
+
+def test_captured_sphere_equals_reference(gl):
+    """A map that ends, found by the normal."""
+    material = synthetic.stone(64, 64, wrap=False)
+    assert gl_vs_reference(material, captured_sphere(), size=(160, 160), renderer=gl) <= BOUND
+
+
+def test_map_that_ends_is_clamped_beyond_its_border(gl):
+    material = synthetic.stone(33, 47, wrap=False)
+    assert gl_vs_reference(material, plane(tiles=(5.0, 5.0)), size=(120, 120), renderer=gl) <= BOUND
+
+
+def test_undetermined_texels_count_as_zero(gl, srf):
+    holes = srf.residual.copy()
+    holes[:, ::3, ::2] = np.nan
+    assert gl_vs_reference(replace(srf, residual=holes), MESHES["plane"], size=(120, 120), renderer=gl) <= BOUND
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    exponent=st.one_of(st.just(0.0), st.floats(0.05, 2000.0)),
+    diffuse=st.floats(0.0, 0.3),
+    specular=st.floats(0.0, 5.0),
+    azimuth=st.floats(0.0, 360.0),
+    elevation=st.floats(-10.0, 90.0),
+)
+def test_lobe_equals_reference_for_every_exponent(gl, srf, exponent, diffuse, specular, azimuth, elevation):
+    lobe = BlinnPhong(np.full(3, diffuse), np.array([specular, 0.5 * specular, 0.0]), exponent)
+    lit = (light(np.radians(azimuth), np.radians(elevation)),)
+    assert gl_vs_reference(replace(srf, phong=lobe), MESHES["torus"], lit, (64, 64), renderer=gl) <= BOUND
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 1000), count=st.integers(3, 40), rank=st.integers(1, 6))
+def test_btf_equals_reference_for_any_set_of_directions(gl, seed, count, rank):
+    """Also outside the hull of the measured directions, and with different ones for light and view."""
+    rng = np.random.default_rng(seed)
+    sets = []
+    for n in (count, count + 1):
+        rows = rng.normal(size=(n, 3))
+        rows[:, 2] = np.abs(rows[:, 2] + 1.0)
+        sets.append(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+    lights, views = (DirectionMesh.from_directions(rows) for rows in sets)
+    base = synthetic.lambertian((0.5, 0.4, 0.3))
+    material = replace(
+        base,
+        eigenmaps=rng.uniform(0.2, 1.0, (rank, count, 5, 7, 3)).astype(np.float32),
+        weights=rng.uniform(-0.2, 1.0, (rank, count + 1)).astype(np.float32),
+        lights=lights,
+        views=views,
+    )
+    # Slivers of the triangulation amplify rounding: only well-shaped sets are compared.
+    if min(_smallest_area(mesh) for mesh in (lights, views)) > 1e-3:
+        assert gl_vs_reference(material, MESHES["sphere"], size=(64, 64), renderer=gl) <= BOUND
+
+
+def test_matt_material_is_albedo_times_cosine_over_pi():
+    albedo = np.array([0.8, 0.5, 0.2])
+    directions = synthetic.hemisphere()
+    uv = np.random.default_rng(1).uniform(size=(len(directions), 2))
+    value = outgoing(synthetic.lambertian(tuple(albedo)), uv, directions, directions[::-1])
+    np.testing.assert_allclose(value, directions[:, 2:] * albedo / np.pi, rtol=1e-5, atol=1e-9)
+
+
+def test_light_under_the_horizon_is_black(material):
+    below = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0]])
+    view = np.tile([0.0, 0.0, 1.0], (2, 1))
+    np.testing.assert_array_equal(outgoing(material, np.full((2, 2), 0.3), below, view), 0.0)
+
+
+def test_repeating_map_meets_itself_at_every_border():
+    material = repeating(synthetic.stone(24, 32, wrap=False))
+    assert material.wrap
+    assert material.residual.shape == (3, 48, 64, 3)
+    assert repeating(material) is material
+    colour = material.residual[..., 2]
+    np.testing.assert_array_equal(colour[:, :, 0], colour[:, :, -1])
+    np.testing.assert_array_equal(colour[:, 0], colour[:, -1])
+    np.testing.assert_array_equal(material.residual[:, :, 31, 0], -material.residual[:, :, 32, 0])
+    np.testing.assert_array_equal(material.residual[:, 23, :, 1], -material.residual[:, 24, :, 1])
+
+
+def test_relative_error_counts_small_values_against_the_peak():
+    error = relative_error(np.array([1.001, 2e-6, 0.0]), np.array([1.0, 1e-6, 0.0]))
+    np.testing.assert_allclose(error, [1e-3, 1e-3, 0.0], rtol=1e-9)
+
+
+def test_what_is_no_material_is_refused(gl):
+    with pytest.raises(MaterialError, match="these are: FactoredBtf, FlatTexture, Srf"):
+        outgoing("plaster", np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 3)))
+    with pytest.raises(MaterialError, match="str is not a material"):
+        upload(gl.context, "plaster")
+
+
+def test_material_with_too_many_maps_is_refused(gl, btf):
+    room = gl.context.info["GL_MAX_ARRAY_TEXTURE_LAYERS"]
+    rank = room // 25 + 1
+    large = replace(btf, eigenmaps=np.zeros((rank, 25, 1, 1, 3), np.float32), weights=np.zeros((rank, 25), np.float32))
+    with gl.context, pytest.raises(MaterialError, match=rf"{rank * 25} layers, the graphics library takes {room}"):
+        upload(gl.context, large)
+
+
+def test_material_of_another_number_of_channels_is_refused(gl, btf):
+    with gl.context, pytest.raises(MaterialError, match="1 channels"):
+        upload(gl.context, replace(btf, eigenmaps=btf.eigenmaps[..., :1]))
+
+
+def _smallest_area(mesh: DirectionMesh) -> float:
+    a, b, c = (mesh.directions[mesh.triangles[:, k], :2] for k in range(3))
+    return float(np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).min())

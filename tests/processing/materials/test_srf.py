@@ -258,3 +258,16 @@ def test_rank_tolerance_keeps_what_the_arm_measures_and_drops_what_it_does_not(r
     singular = np.linalg.svd(np.moveaxis(measured.half[:, lit], 0, 1), compute_uv=False)
     assert (singular[:, 2] < RANK_TOLERANCE / 2 * singular[:, 0]).all()
     assert (singular[:, 1] > RANK_TOLERANCE * 2 * singular[:, 0]).all()
+
+
+def test_evaluated_in_the_tangent_frame_the_srf_shows_the_sphere_again(rng, arm_directions):
+    """Each texel's light and view turned into its own frame, looked up at its own place."""
+    maps, _ = stone(rng, arm_directions, noise=1e-6)
+    srf = fit_srf(maps, LOBE).srf
+    frames = tangent_frames(sphere_normals(SIZE)).reshape(-1, 3, 3)
+    row, column = np.divmod(np.arange(SIZE * SIZE), SIZE)
+    uv = np.stack([(column + 0.5) / SIZE, (row + 0.5) / SIZE], axis=1)
+    view = frames @ np.array([0.0, 0.0, -1.0])
+    for light, measured in zip(arm_directions, maps.reflectance_cos, strict=True):
+        shown = srf.evaluate(uv, frames @ light, view)
+        np.testing.assert_allclose(shown, measured.reshape(-1, 3), atol=2e-5)

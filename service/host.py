@@ -37,8 +37,8 @@ class SessionHost:
 
     def ids(self) -> list[str]:
         """Every session of the folder, newest first."""
-        found = [path.parent for path in self.folder.glob("*/session.json")]
-        return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]
+        found = sorted(self.folder.glob("*/session.json"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+        return [path.parent.name for path in found]
 
     def open(self, session_id: str) -> Session:
         """One session by its id. Raises StoreError where there is none, and for an id that is not a plain name."""

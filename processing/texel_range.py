@@ -54,11 +54,22 @@ def _interpolate(values: Array, variances: Array, places: Array, sigma_px: Array
     weight = np.where(measured, kernel / noise, 0.0)
     middle = _weighted_median(np.where(measured, value, 0.0), weight)
     distance_m = np.hypot(offset[..., 0] * pixel_m[0], offset[..., 1] * pixel_m[1])
-    surface = np.abs(np.where(measured, value, 0.0) - middle[:, None]) < 4.0 * np.sqrt(noise) + _SLOPE * distance_m
+    value = np.where(measured, value, 0.0)
+    surface = np.abs(value - middle[:, None]) < 4.0 * np.sqrt(noise) + _SLOPE * distance_m
+    other = np.where(surface, 0.0, weight)
     weight = np.where(surface, weight, 0.0)
     near = np.where(weight > 0.0, ((offset / sigma_px) ** 2).sum(axis=-1), np.inf).min(axis=1) < 2.0
-    result = _plane(offset, np.where(measured, value, 0.0), weight, noise, _SLOPE * pixel_m)
+    result = _plane(offset, value, weight, noise, _SLOPE * pixel_m)
+    result[:, 1] += _doubt(value, weight, other, result[:, 0])
     return np.where(near[:, None], result, np.nan)
+
+
+def _doubt(value: Array, weight: Array, other: Array, chosen: Array) -> Array:
+    """Variance (n) of having chosen one surface where `other` weights speak for another one."""
+    against = other.sum(axis=1)
+    share = against / np.maximum(weight.sum(axis=1) + against, 1e-300)
+    apart = (other * (value - chosen[:, None]) ** 2).sum(axis=1) / np.maximum(against, 1e-300)
+    return np.asarray(share * (1.0 - share) * apart)
 
 
 def _neighbours(values: Array, variances: Array, places: Array, reach: NDArray[np.int_]) -> tuple[Array, Array, Array]:
@@ -80,7 +91,10 @@ def _weighted_median(values: Array, weights: Array) -> Array:
 
 
 def _plane(offset: Array, value: Array, weight: Array, noise: Array, slope: Array) -> Array:
-    """Value at offset 0 (n) of weighted planes with a prior on their slopes per pixel, and its variance: (n, 2)."""
+    """Value at offset 0 (n) of weighted planes with a prior on their slopes per pixel, and its variance: (n, 2).
+
+    The variance grows with the scatter about the plane where that exceeds the noise: structure below a pixel.
+    """
     total = np.maximum(weight.sum(axis=1), 1e-300)[:, None]
     basis = np.concatenate([np.ones((*offset.shape[:2], 1)), offset], axis=-1)
     share = weight / total
@@ -91,4 +105,8 @@ def _plane(offset: Array, value: Array, weight: Array, noise: Array, slope: Arra
     normal += 1e-12 * np.eye(3)
     row = np.linalg.solve(normal, np.broadcast_to([[1.0], [0.0], [0.0]], (len(normal), 3, 1)))[..., 0]
     linear = np.einsum("nmi,ni,nm->nm", basis, row, share)
-    return np.stack([(linear * value).sum(axis=1), (linear**2 * noise).sum(axis=1)], axis=-1)
+    moment = np.einsum("nmi,nm,nm->ni", basis, share, value)
+    surface = np.einsum("nmi,ni->nm", basis, np.linalg.solve(normal, moment[..., None])[..., 0])
+    scatter = (share * (value - surface) ** 2).sum(axis=1) / np.maximum((share * noise).sum(axis=1), 1e-300)
+    variance = (linear**2 * noise).sum(axis=1) * np.maximum(scatter, 1.0)
+    return np.stack([(linear * value).sum(axis=1), variance], axis=-1)

@@ -1,0 +1,185 @@
+"""A laser plane calibrated from photographs of its stripe on a chessboard in several poses.
+
+Reads the folders that the Camera Calibration Toolbox for MATLAB leaves behind: images, Calib_Results.mat (camera and
+board poses, millimetres) and, to compare with, LaserPlane_Results.mat.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
+
+from processing import geometry
+from processing.errors import ImageError
+from processing.plane_fit import Plane, fit_plane, plane_angle
+from processing.stripe import redness, stripe_line, stripe_ridge
+
+Array = NDArray[np.float64]
+_SIGMA_PX = 4.0
+_THRESHOLD = 4.0  # of the ridge's strength, 8-bit codes
+_CURVATURE_PX = 8.0  # by which lens distortion may bend the stripe away from a line
+
+
+@dataclass(frozen=True)
+class BoardStripe:
+    """The stripe on one board: image points (n, 2), 3D points (n, 3) in the camera frame, metres.
+
+    `row_rms_px` is the RMS distance of the image points from a robust quadratic along the stripe.
+    """
+
+    image: str
+    uv_px: Array
+    points_m: Array
+    row_rms_px: float
+
+
+@dataclass(frozen=True)
+class LaserChessboard:
+    """The laser's plane in the camera frame, and how well it is known.
+
+    `row_rms_px` is the mean of the stripes' own.
+    `angle_deviation_rad` and `distance_deviation_m` (at the points' centre) are one sigma by the jackknife over images:
+    the boards' poses, not the stripe, limit them. The last two compare with the plane published beside the images: the
+    angle between both, and the mean distance of our points from it; NaN where none is.
+    """
+
+    plane: Plane
+    stripes: tuple[BoardStripe, ...]
+    row_rms_px: float
+    angle_deviation_rad: float
+    distance_deviation_m: float
+    published_angle_rad: float
+    published_distance_m: float
+
+    @property
+    def points_m(self) -> Array:
+        """All stripe points (n, 3), camera frame."""
+        return np.concatenate([stripe.points_m for stripe in self.stripes])
+
+
+def laser_chessboard(folder: Path) -> LaserChessboard:
+    """The laser plane of a folder of stripe photographs.
+
+    The stripe is found to a fraction of a pixel within the board of every image, its rays are cut with the board, and
+    all points make one plane. Raises ImageError where a file is missing, no image or no calibration, where the image's
+    size is not the calibrated one, and where fewer than two boards show a stripe.
+    """
+    calibration = _read_mat(folder / "Calib_Results.mat", ("KK", "kc", "nx", "ny", "active_images"))
+    found = [_board_stripe(folder, calibration, number) for number in _active(calibration)]
+    stripes = tuple(stripe for stripe in found if stripe is not None)
+    if len(stripes) < 2:
+        raise ImageError(f"{folder}: a laser stripe on {len(stripes)} of {len(found)} boards; at least 2 are needed.")
+    plane = fit_plane(np.concatenate([stripe.points_m for stripe in stripes])).towards(np.array([0.0, 0.0, 1.0]))
+    deviation = _jackknife(stripes, plane) if len(stripes) > 2 else (np.nan, np.nan)
+    published = _published(folder, stripes, plane)
+    row_rms_px = float(np.mean([stripe.row_rms_px for stripe in stripes]))
+    return LaserChessboard(plane, stripes, row_rms_px, *deviation, *published)
+
+
+def _active(calibration: dict[str, Any]) -> list[int]:
+    return [index + 1 for index, used in enumerate(calibration["active_images"].ravel()) if used]
+
+
+def _board_stripe(folder: Path, calibration: dict[str, Any], number: int) -> BoardStripe | None:
+    name = f"image{number:03d}.png"
+    rgb = _read_image(folder / name, (int(calibration["ny"].item()), int(calibration["nx"].item())))
+    missing = [key for key in (f"omc_{number}", f"Tc_{number}", f"X_{number}") if key not in calibration]
+    if missing:
+        raise ImageError(f"{folder / 'Calib_Results.mat'}: no {missing[0]}, the board's pose in {name}.")
+    camera_from_board = geometry.rigid_from_vectors(
+        calibration[f"omc_{number}"].ravel(), calibration[f"Tc_{number}"].ravel() * 1e-3
+    )
+    corners_m = calibration[f"X_{number}"].T * 1e-3
+    matrix, distortion = calibration["KK"].astype(np.float64), calibration["kc"].ravel().astype(np.float64)
+    mask = _board_mask(corners_m, camera_from_board, matrix, distortion, rgb.shape[:2])
+    ridge = stripe_ridge(redness(rgb), _SIGMA_PX, _THRESHOLD, mask)
+    if len(ridge.uv_px) < 20:
+        return None
+    uv_px = ridge.uv_px[stripe_line(ridge.uv_px, _CURVATURE_PX).inliers]
+    residual, good = _bend_residual(uv_px)
+    rays = geometry.pixel_rays(uv_px[good], matrix, distortion, np.eye(4))
+    normal = camera_from_board[:3, 2]
+    points = geometry.intersect_plane(np.zeros(3), rays, normal, float(normal @ camera_from_board[:3, 3]))
+    return BoardStripe(name, uv_px[good], points, float(np.sqrt(np.mean(residual[good] ** 2))))
+
+
+def _board_mask(
+    corners_m: Array, camera_from_board: Array, matrix: Array, distortion: Array, shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Pixels of the board's inner corners and half a square around them."""
+    low, high = corners_m.min(axis=0), corners_m.max(axis=0)
+    side = float(np.min(np.linalg.norm(np.diff(corners_m[:2], axis=0), axis=1))) / 2
+    left, top, right, bottom = low[0] - side, low[1] - side, high[0] + side, high[1] + side
+    outline = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
+    uv_px = geometry.project(
+        np.column_stack([outline, np.zeros(4)]), matrix, distortion, geometry.invert(camera_from_board)
+    )
+    mask = np.zeros(shape, np.uint8)
+    cv2.fillPoly(mask, [np.rint(uv_px).astype(np.int32)], 1)
+    return mask.astype(bool)
+
+
+def _bend_residual(uv_px: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Distance (n,) of points along a stripe from a robust quadratic in the row, and which of them follow it."""
+    row = (uv_px[:, 1] - uv_px[:, 1].mean()) / max(float(np.ptp(uv_px[:, 1])), 1.0)
+    design = np.stack([np.ones_like(row), row, row**2], axis=1)
+    weight = np.ones(len(row))
+    for _ in range(15):
+        root = np.sqrt(weight)[:, None]
+        residual = uv_px[:, 0] - design @ np.linalg.lstsq(design * root, uv_px[:, 0] * root[:, 0], rcond=None)[0]
+        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
+        weight = np.clip(1.0 - (residual / (4.685 * scale)) ** 2, 0.0, None) ** 2
+    return np.asarray(residual), weight > 0.0
+
+
+def _jackknife(stripes: tuple[BoardStripe, ...], plane: Plane) -> tuple[float, float]:
+    """One sigma of the plane's angle (rad) and of its distance at the points' centre (m), leaving each image out."""
+    centre = np.concatenate([s.points_m for s in stripes]).mean(axis=0)
+    others = [
+        fit_plane(np.concatenate([s.points_m for s in stripes if s is not left])).towards(plane.normal)
+        for left in stripes
+    ]
+    count = len(stripes)
+    tilt = np.array([plane_angle(other, plane) for other in others])
+    shift = np.array([float(other.distance(centre)) for other in others])
+    factor = (count - 1) / count
+    return float(np.sqrt(factor * np.sum(tilt**2))), float(np.sqrt(factor * np.sum((shift - shift.mean()) ** 2)))
+
+
+def _published(folder: Path, stripes: tuple[BoardStripe, ...], plane: Plane) -> tuple[float, float]:
+    path = folder / "LaserPlane_Results.mat"
+    if not path.exists():
+        return np.nan, np.nan
+    values = _read_mat(path, ("laserPlane",))["laserPlane"].astype(np.float64).ravel()
+    length = float(np.linalg.norm(values[:3]))
+    other = Plane(values[:3] / length, -1e-3 * values[3] / length, np.nan, 0)
+    points = np.concatenate([stripe.points_m for stripe in stripes])
+    return plane_angle(plane, other), float(np.mean(other.distance(points)))
+
+
+def _read_image(path: Path, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    try:
+        with Image.open(path) as picture:
+            rgb = np.asarray(picture.convert("RGB"))
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ImageError(f"{path}: not a readable image: {error}") from error
+    if rgb.shape[:2] != shape:
+        raise ImageError(f"{path}: {rgb.shape[0]} x {rgb.shape[1]} pixels, but {shape[0]} x {shape[1]} are calibrated.")
+    return rgb
+
+
+def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = loadmat(str(path))
+    except (OSError, ValueError, TypeError, NotImplementedError, MatReadError) as error:
+        raise ImageError(f"{path}: not a readable MATLAB file: {error}") from error
+    missing = [name for name in names if name not in content]
+    if missing:
+        raise ImageError(f"{path}: no {', '.join(missing)} in it.")
+    return content

@@ -1,0 +1,66 @@
+"""A plane through 3D points of which some may be wrong."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.errors import ImageError
+
+Array = NDArray[np.float64]
+_TUKEY = 4.685
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The plane normal . p = offset_m with a unit normal, the RMS distance of the points that make it, their number."""
+
+    normal: Array
+    offset_m: float
+    rms_m: float
+    points: int
+
+    def distance(self, points_m: Array) -> Array:
+        """Signed distances (...) of points (..., 3)."""
+        return np.asarray(points_m @ self.normal - self.offset_m)
+
+    def cut(self, rays: Array) -> Array:
+        """Points (..., 3) where rays from the origin meet the plane; NaN where they do not, or almost along it."""
+        slant = rays @ self.normal
+        with np.errstate(divide="ignore", invalid="ignore"):
+            length = np.where(np.abs(slant) > 1e-3, self.offset_m / slant, np.nan)
+        return np.asarray(np.where(length > 0, length, np.nan)[..., None] * rays)
+
+    def towards(self, direction: Array) -> "Plane":
+        """The same plane with its normal on the side of `direction`."""
+        if self.normal @ direction >= 0:
+            return self
+        return Plane(-self.normal, -self.offset_m, self.rms_m, self.points)
+
+
+def fit_plane(points_m: Array) -> Plane:
+    """Total least squares plane through points (n, 3), reweighted (Tukey) against outliers.
+
+    Raises ImageError where fewer than three finite points are given or they lie on a line.
+    """
+    points = np.asarray(points_m, np.float64).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    weight = np.ones(len(points))
+    for _ in range(20):
+        if np.count_nonzero(weight) < 3:
+            raise ImageError(f"{len(points)} points do not make a plane.")
+        centre = weight @ points / weight.sum()
+        spread, axes = np.linalg.eigh(((points - centre) * weight[:, None]).T @ (points - centre))
+        if spread[1] <= 1e-12 * spread[2] or spread[2] == 0.0:
+            raise ImageError("the points lie on a line: more than one pose of the board is needed.")
+        distance = (points - centre) @ axes[:, 0]
+        scale = max(1.4826 * float(np.median(np.abs(distance))), 1e-12)
+        weight = np.clip(1.0 - (distance / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
+    used = weight > 0.0
+    normal = np.asarray(axes[:, 0], np.float64)
+    return Plane(normal, float(normal @ centre), float(np.sqrt(np.mean(distance[used] ** 2))), int(used.sum()))
+
+
+def plane_angle(a: Plane, b: Plane) -> float:
+    """Angle in radians between two planes, 0 to pi/2."""
+    return float(np.arctan2(np.linalg.norm(np.cross(a.normal, b.normal)), abs(float(a.normal @ b.normal))))

@@ -98,19 +98,12 @@ def read_cameras(path: Path) -> dict[str, CameraModel]:
 
 
 def calibrate_camera(views: Sequence[BoardView], size: tuple[int, int]) -> CameraModel:
-    """One camera by Zhang's method with five distortion terms; its rig frame is the first view's board frame.
+    """One camera from views of a board in any poses; its rig frame is the first usable view's board frame.
 
     Raises CalibrationError where fewer than three views have enough corners or do not determine the camera.
     """
     usable = [view for view in views if len(view.uv_px) >= MIN_CORNERS]
-    if len(usable) < MIN_VIEWS:
-        raise CalibrationError(f"{len(usable)} of {len(views)} boards found; {MIN_VIEWS} different poses are needed.")
-    solution = _zhang(usable, size, 0)
-    deviation = np.full(15, np.nan)
-    deviation[:9] = np.ravel(solution.deviation)[:9]
-    _check_determined("camera", solution.matrix, solution.distortion, deviation)
-    pose = geometry.invert(solution.camera_from_board[0])
-    return CameraModel(solution.matrix, solution.distortion, pose, size, solution.rms_px, deviation)
+    return calibrate_views({"camera": dict(enumerate(usable))}, {"camera": size})["camera"]
 
 
 def calibrate_cameras(images: Mapping[str, Mapping[int, NDArray[np.generic]]], board: Board) -> dict[str, CameraModel]:
@@ -162,51 +155,35 @@ def _size(name: str, shots: Mapping[int, NDArray[np.generic]]) -> tuple[int, int
     return int(rows), int(columns)
 
 
-@dataclass(frozen=True)
-class _Zhang:
-    rms_px: float
-    matrix: Array
-    distortion: Array
-    camera_from_board: list[Array]
-    deviation: Array
+def _start(views: Mapping[str, Mapping[int, BoardView]], sizes: Mapping[str, tuple[int, int]]) -> bundle.Network:
+    """Every camera by itself with the fewest parameters, then all placed in one frame through shared poses."""
+    matrices, local = {}, {}
+    for name, found in views.items():
+        try:
+            matrices[name], poses = _zhang(list(found.values()), sizes[name])
+        except CalibrationError as error:
+            raise CalibrationError(f"{name}: {error}") from error
+        local[name] = dict(zip(found, poses, strict=True))
+    camera_from_rig, rig_from_board = _place(local)
+    cameras = {n: bundle.Camera(m, np.zeros(5), camera_from_rig[n]) for n, m in matrices.items()}
+    return bundle.Network(cameras, rig_from_board)
 
 
-def _zhang(views: Sequence[BoardView], size: tuple[int, int], flags: int) -> _Zhang:
+def _zhang(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[Array, list[Array]]:
+    """Matrix and camera_from_board of every view by Zhang's method: focal length only, no distortion."""
+    flags = cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST
+    flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
     points = [view.points_m.astype(np.float32) for view in views]
     uv_px = [view.uv_px.astype(np.float32) for view in views]
-    start = np.array([[1.0, 0, (size[1] - 1) / 2], [0, 1.0, (size[0] - 1) / 2], [0, 0, 1]])
+    square = np.array([[1.0, 0, (size[1] - 1) / 2], [0, 1.0, (size[0] - 1) / 2], [0, 0, 1]])
     try:
-        rms_px, matrix, distortion, turns, shifts, deviation, _, _ = cv2.calibrateCameraExtended(
-            points, uv_px, (size[1], size[0]), start, np.zeros(5), flags=flags
+        _, matrix, _, turns, shifts = cv2.calibrateCamera(
+            points, uv_px, (size[1], size[0]), square, np.zeros(5), flags=flags
         )
     except cv2.error as error:
         raise CalibrationError(f"the views do not determine the camera: {error.err}. Tilt the board more.") from error
-    poses = [geometry.rigid_from_vectors(r, np.ravel(t)) for r, t in zip(turns, shifts, strict=True)]
-    return _Zhang(
-        float(rms_px),
-        np.asarray(matrix, np.float64),
-        np.ravel(distortion)[:5].astype(np.float64),
-        poses,
-        np.asarray(deviation, np.float64),
-    )
-
-
-def _start(views: Mapping[str, Mapping[int, BoardView]], sizes: Mapping[str, tuple[int, int]]) -> bundle.Network:
-    """Every camera by itself with the fewest parameters, then all placed in one frame through shared poses."""
-    flags = cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST
-    flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
-    cameras, local = {}, {}
-    for name, found in views.items():
-        try:
-            solution = _zhang(list(found.values()), sizes[name], flags)
-        except CalibrationError as error:
-            raise CalibrationError(f"{name}: {error}") from error
-        local[name] = dict(zip(found, solution.camera_from_board, strict=True))
-        cameras[name] = solution.matrix
-    camera_from_rig, rig_from_board = _place(local)
-    return bundle.Network(
-        {n: bundle.Camera(m, np.zeros(5), camera_from_rig[n]) for n, m in cameras.items()}, rig_from_board
-    )
+    poses = [geometry.rigid_from_vectors(turn, np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
+    return np.asarray(matrix, np.float64), poses
 
 
 def _place(local: Mapping[str, Mapping[int, Array]]) -> tuple[dict[str, Array], dict[int, Array]]:

@@ -21,8 +21,13 @@ def read_tags(content: bytes) -> dict[str, Any]:
         return {}
     values: dict[str, Any] = {}
     for key, tag in found.items():
-        values.setdefault(key.split(" ")[-1], getattr(tag, "values", tag))
+        values.setdefault(key.split(" ")[-1], _flat(getattr(tag, "values", tag)))
     return values
+
+
+def _flat(values: Any) -> Any:
+    """Floating-point values come as tuples of one each."""
+    return [v[0] if isinstance(v, tuple) else v for v in values] if isinstance(values, list) else values
 
 
 def number(tags: dict[str, Any], name: str) -> float:

@@ -1,0 +1,62 @@
+"""Camera RAW files."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from processing.errors import ImageError
+from processing.formats.raw import read_raw
+from tests.reference.dng import dng
+
+MOSAIC = np.random.default_rng(0).integers(200, 4096, (48, 64)).astype(np.uint16)
+PROFILE = (1 / (4 * 3839), (1 / 3839) ** 2)  # gain 4 e-/dn, read noise 4 e-
+
+
+def test_a_dng_gives_its_samples_and_its_sensor():
+    raw = read_raw(dng(MOSAIC, exposure_s=0.1234, noise_profile=PROFILE, serial="VC-0003", unique_id="ab" * 16))
+    np.testing.assert_array_equal(raw.mosaic, MOSAIC)
+    assert raw.mosaic.dtype == np.uint16
+    assert raw.cfa.tolist() == [[0, 1], [1, 2]]
+    assert raw.exposure_s == pytest.approx(0.1234)
+    assert (raw.sensor.black_dn, raw.sensor.white_dn) == (256, 4095)
+    assert raw.sensor.gain_e_per_dn == pytest.approx(4)
+    assert raw.sensor.read_noise_e == pytest.approx(4)
+    assert not raw.sensor.assumed
+    assert (raw.serial, raw.unique_id, raw.iso, raw.f_number) == ("VC-0003", "ab" * 16, 100, 4)
+    np.testing.assert_allclose(raw.white_balance, [2, 1, 1.25])
+
+
+def test_a_path_reads_like_its_bytes(tmp_path):
+    path = tmp_path / "frame.dng"
+    path.write_bytes(dng(MOSAIC))
+    np.testing.assert_array_equal(read_raw(path).mosaic, read_raw(path.read_bytes()).mosaic)
+
+
+def test_without_a_noise_profile_the_sensor_is_assumed():
+    sensor = read_raw(dng(MOSAIC)).sensor
+    assert sensor.assumed
+    assert (sensor.gain_e_per_dn, sensor.read_noise_e) == (1, 2)
+
+
+def test_black_levels_of_the_channels_become_one():
+    raw = read_raw(dng(MOSAIC, black=(256, 250, 256, 258)))
+    assert raw.sensor.black_dn == 258
+    shift = np.tile([[2, 8], [2, 0]], (24, 32))
+    np.testing.assert_array_equal(raw.mosaic, MOSAIC + shift)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0, 0.999))
+def test_a_truncated_file_is_an_error(part):
+    content = dng(MOSAIC, noise_profile=PROFILE)
+    with pytest.raises(ImageError, match="truncated, or not RAW"):
+        read_raw(content[: int(part * len(content))])
+
+
+def test_errors_name_the_file(tmp_path):
+    missing, text = tmp_path / "gone.dng", tmp_path / "notes.dng"
+    text.write_text("not an image" * 100)
+    for path in (missing, text):
+        with pytest.raises(ImageError, match=path.name):
+            read_raw(path)

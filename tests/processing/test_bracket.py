@@ -1,0 +1,130 @@
+"""Files of one bracket to one file."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from processing.bracket import merge_files, write_merged
+from processing.errors import ImageError
+from processing.formats.exr import read_exr
+from processing.hdr import PixelStatus
+from tests.reference.dng import dng
+
+ROOM = Path(__file__).parents[2].parent / "shared" / "data" / "hdr-room"
+PROFILE = (1 / (4 * 3839), (1 / 3839) ** 2)
+TIMES_S = (0.5, 0.05, 0.005)
+
+
+def raw_files(folder, radiance=4000.0, times=TIMES_S, **tags):
+    """Bracketed DNG files of a grey wall, in this order."""
+    rng = np.random.default_rng(0)
+    paths = []
+    for i, time in enumerate(times):
+        electrons = rng.poisson(radiance * time, (32, 48)) + rng.normal(0, 4, (32, 48))
+        mosaic = np.clip(np.rint(electrons / 4 + 256), 0, 4095).astype(np.uint16)
+        mosaic[10:12, 10:14] = 4095  # a lamp that no exposure resolves
+        path = folder / f"{i}.dng"
+        path.write_bytes(dng(mosaic, **{"exposure_s": time, "noise_profile": PROFILE, **tags}))
+        paths.append(path)
+    return paths
+
+
+def picture_file(path, level=100, exposure=0.1, size=(20, 30), model="Test"):
+    exif = Image.Exif()
+    exif[0x0110] = model
+    if exposure is not None:
+        exif.get_ifd(0x8769)[0x829A] = exposure
+    ramp = np.clip(np.linspace(0.2, 2, size[1]) * level, 0, 255)
+    image = np.broadcast_to(ramp[None, :, None], (*size, 3)).astype(np.uint8)
+    Image.fromarray(image).save(path, exif=exif)
+    return path
+
+
+def test_raw_files_give_radiance_in_electrons(tmp_path):
+    merged = merge_files(raw_files(tmp_path))
+    assert merged.exposure_s == pytest.approx(sorted(TIMES_S))
+    assert [path.name for path in merged.files] == ["2.dng", "1.dng", "0.dng"]
+    green = merged.radiance.value[..., 1]
+    assert np.nanmean(green) == pytest.approx(4000, rel=0.01)
+    # White balance of the file: red twice, blue 1.25 times what was measured.
+    np.testing.assert_allclose(np.nanmean(merged.radiance.value, axis=(0, 1)) / 4000, [2, 1, 1.25], rtol=0.01)
+    assert (merged.radiance.status[11, 12] == PixelStatus.SATURATED).any()
+    assert not merged.assumed_sensor
+
+
+def test_written_files_hold_the_same_numbers(tmp_path):
+    merged = merge_files(raw_files(tmp_path))
+    exr_path, picture_path = write_merged(merged, tmp_path / "out.exr")
+    exr = read_exr(exr_path)
+    np.testing.assert_array_equal(exr.image, merged.radiance.value)
+    np.testing.assert_array_equal(exr.layers["variance"], merged.radiance.variance)
+    np.testing.assert_array_equal(exr.layers["status"], merged.radiance.status)
+    assert exr.metadata["exposureTimes"] == "0.005 0.05 0.5"
+    picture = cv2.imread(str(picture_path))
+    assert picture.shape == (32, 48, 3)
+    assert picture[10, 11].tolist() == [255, 255, 255]
+
+
+def test_a_camera_without_noise_profile_says_so(tmp_path):
+    merged = merge_files(raw_files(tmp_path, noise_profile=None))
+    assert merged.assumed_sensor
+    path, _ = write_merged(merged, tmp_path / "out.exr")
+    assert "assumed" in read_exr(path).metadata["radianceUnit"]
+
+
+def another_dng(folder, *, rows=32, **tags):
+    path = folder / "other.dng"
+    path.write_bytes(dng(np.zeros((rows, 48), np.uint16), **{"exposure_s": 1.0, "noise_profile": PROFILE, **tags}))
+    return path
+
+
+def cut(path, length):
+    path.write_bytes(path.read_bytes()[:length])
+    return path
+
+
+NO_BRACKETS = {
+    "no files": lambda f: [],
+    "named twice": lambda f: raw_files(f) + raw_files(f)[:1],
+    "is not; merge one kind": lambda f: [*raw_files(f), picture_file(f / "a.png")],
+    "different sizes": lambda f: [*raw_files(f), another_dng(f, rows=30)],
+    "different cameras": lambda f: [*raw_files(f), another_dng(f, serial="T-2")],
+    "different sensor levels": lambda f: [*raw_files(f), another_dng(f, black=(128,))],
+    "the same exposure time": lambda f: [*raw_files(f), another_dng(f, exposure_s=0.05)],
+    "not a readable RAW image": lambda f: [*raw_files(f), cut(another_dng(f), 500)],
+    "no exposure time": lambda f: [picture_file(f / "a.png"), picture_file(f / "b.png", exposure=None)],
+    "one photograph has no bracket": lambda f: [picture_file(f / "a.png")],
+    "not a readable picture": lambda f: [picture_file(f / "a.png"), cut(picture_file(f / "b.png", exposure=1.0), 50)],
+}
+
+
+@pytest.mark.parametrize("reason", NO_BRACKETS)
+def test_what_is_no_bracket_is_refused_with_the_reason(tmp_path, reason):
+    with pytest.raises(ImageError, match=reason):
+        merge_files(NO_BRACKETS[reason](tmp_path))
+
+
+def test_an_output_of_another_kind_is_refused(tmp_path):
+    merged = merge_files(raw_files(tmp_path))
+    with pytest.raises(ImageError, match="OpenEXR"):
+        write_merged(merged, tmp_path / "out.jpg")
+    with pytest.raises(ImageError, match="cannot be written"):
+        write_merged(merged, tmp_path / "absent" / "out.exr")
+
+
+@pytest.mark.skipif(not ROOM.is_dir(), reason=f"no photographs at {ROOM.parent.name}/{ROOM.name}")
+def test_a_real_room_is_consistent_over_its_exposures():
+    """Seven JPEG over thirteen stops: what two exposures say about one pixel agrees."""
+    merged = merge_files(sorted(ROOM.glob("*.jpg")))
+    assert merged.exposure_s == pytest.approx([2.0**-s for s in (12, 10, 7, 5, 3, 1, -1)])
+    radiance = merged.radiance
+    assert radiance.count(PixelStatus.SATURATED) < 1e-3 * radiance.value.size  # the shortest resolves all but glints
+    spread = np.nanpercentile(radiance.value, [1, 99.9])
+    assert spread[1] / spread[0] > 10_000  # more than four decades, where one JPEG holds two
+    shades = cv2.imread(str(sorted(ROOM.glob("*.jpg"))[2]))[..., ::-1]  # 1/8 s
+    mid = (shades > 60) & (shades < 200)
+    predicted = np.interp(np.log(radiance.value[mid] / 8), merged.response.log_exposure, np.arange(256))
+    assert 1.4826 * np.median(np.abs(predicted - shades[mid])) < 3  # JPEG noise is one to two codes

@@ -1,0 +1,239 @@
+"""Cameras from boards: synthetic corners, drawn boards, and two public sets."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from processing import geometry
+from processing.board import Board, BoardView, find_charuco, find_chessboard, gray8
+from processing.calibration import (
+    CameraModel,
+    calibrate_camera,
+    calibrate_cameras,
+    calibrate_views,
+    read_cameras,
+    write_cameras,
+)
+from processing.errors import CalibrationError, ImageError
+from tests.reference.boards import photograph_board
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data"
+BOARD = Board(7, 5, 0.012, 0.009)
+SIZE = (240, 320)
+
+
+def camera_at(elevation_deg, rng):
+    """A long lens at a metre, roughly aimed at the origin: half a millimetre a pixel."""
+    e = np.radians(elevation_deg)
+    position = np.array([np.cos(e), 0, np.sin(e)]) + rng.normal(0, 1e-3, 3)
+    pose = geometry.look_at(position, rng.normal(0, 2e-3, 3))
+    focal, centre = 2000 * rng.uniform(0.99, 1.01), rng.uniform((155, 115), (164, 124))
+    matrix = np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]])
+    return CameraModel(matrix, np.array([-0.1, 0, 0, 0, 0]), pose, SIZE)
+
+
+def board_poses(count, rng):
+    poses = {0: np.eye(4)}
+    for k in range(1, count):
+        azimuth, tilt, spin = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(12, 30)), rng.uniform(-0.5, 0.5)
+        axis = tilt * np.array([np.cos(azimuth), np.sin(azimuth), 0])
+        shift = rng.uniform([-0.012, -0.012, 0], [0.012, 0.012, 0.015])
+        poses[k] = geometry.rigid_from_vectors(axis, shift) @ geometry.rotation_z(spin)
+    return poses
+
+
+def seen(camera, rig_from_board, noise_px, rng):
+    points = BOARD.corners_m()
+    uv = camera.project(geometry.transform_points(rig_from_board, points))
+    return BoardView(points, uv + rng.normal(0, noise_px, uv.shape))
+
+
+@cache
+def network(noise_px, seed=1):
+    rng = np.random.default_rng(seed)
+    cameras = {f"cam{i}": camera_at(e, rng) for i, e in enumerate((25, 45, 65, 88))}
+    poses = board_poses(8, rng)
+    views = {n: {k: seen(c, p, noise_px, rng) for k, p in poses.items()} for n, c in cameras.items()}
+    return cameras, views
+
+
+SIZES = {f"cam{i}": SIZE for i in range(4)}
+
+
+def normalised_errors(true, found):
+    """Errors of fx fy cx cy and position in units of the deviations claimed."""
+    inside = (found.matrix - true.matrix)[[0, 1, 0, 1], [0, 1, 2, 2]] / found.deviation[:4]
+    return np.concatenate([inside, (found.centre_m - true.centre_m) / position_sigma(found)])
+
+
+def position_sigma(camera):
+    """The deviations are of the shift in camera_from_rig; the centre's are of the same length, turned."""
+    return np.linalg.norm(camera.deviation[12:]) * np.ones(3)
+
+
+def test_exact_corners_give_what_they_were_made_with():
+    """Up to the priors, which pull by a thousandth of what they allow."""
+    cameras, views = network(0.0)
+    found = calibrate_views(views, SIZES)
+    sample = geometry.texel_grid(9, 0.06) - [0, 0, 0.002]
+    for name, camera in cameras.items():
+        assert found[name].rms_px < 0.02
+        np.testing.assert_allclose(found[name].matrix, camera.matrix, atol=12)
+        np.testing.assert_allclose(found[name].project(sample), camera.project(sample), atol=0.03)
+
+
+def test_noisy_corners_give_the_plane_to_the_noise_and_honest_deviations():
+    errors = []
+    sample = geometry.texel_grid(9, 0.06)
+    for seed in range(4):
+        cameras, views = network(0.1, seed)
+        found = calibrate_views(views, SIZES)
+        for name, camera in cameras.items():
+            assert found[name].rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.25)
+            # 24 corners of 0.1 px determine the plane's place in each image to some hundredths.
+            assert np.abs(found[name].project(sample) - camera.project(sample)).max() < 0.2
+            errors.append(normalised_errors(camera, found[name]))
+    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.5  # priors and true values agree better than one sigma
+
+
+def test_a_camera_that_misses_pose_zero_is_placed_by_the_others():
+    cameras, views = network(0.05)
+    views = {name: dict(found) for name, found in views.items()}
+    del views["cam0"][0]
+    found = calibrate_views(views, SIZES)["cam0"]
+    sample = geometry.texel_grid(9, 0.06)
+    assert np.abs(found.project(sample) - cameras["cam0"].project(sample)).max() < 0.3
+
+
+def test_a_wrong_corner_does_little_harm():
+    cameras, views = network(0.05)
+    views = {name: dict(found) for name, found in views.items()}
+    bad = views["cam1"][3].uv_px.copy()
+    bad[5] += [25, -10]
+    views["cam1"][3] = BoardView(views["cam1"][3].points_m, bad)
+    found = calibrate_views(views, SIZES)["cam1"]
+    sample = geometry.texel_grid(9, 0.06)
+    assert np.abs(found.project(sample) - cameras["cam1"].project(sample)).max() < 0.3
+
+
+def test_pictures_of_a_board_give_the_cameras():
+    """Drawn boards through detection, Zhang and adjustment; x, y and z of the rig frame as the board lies."""
+    rng = np.random.default_rng(4)
+    cameras = {f"cam{i}": camera_at(e, rng) for i, e in enumerate((45, 65, 88))}
+    poses = board_poses(6, rng)
+    images = {n: {k: photograph_board(BOARD, c, p, samples=2) for k, p in poses.items()} for n, c in cameras.items()}
+    found = calibrate_cameras(images, BOARD)
+    sample = geometry.texel_grid(9, 0.06)
+    for name, camera in cameras.items():
+        assert found[name].rms_px < 0.35  # markers of three pixels a cell bound what the detector does
+        assert np.abs(found[name].project(sample) - camera.project(sample)).max() < 0.3
+        angle = np.arccos(np.clip(found[name].rig_from_camera[:3, 2] @ camera.rig_from_camera[:3, 2], -1, 1))
+        assert np.degrees(angle) < 0.6
+
+
+def test_corners_are_where_the_board_frame_says():
+    """Board x right, y up, z toward the reader, origin in the middle: seen from above the print is not mirrored."""
+    rng = np.random.default_rng(0)
+    camera = camera_at(88, rng)
+    view = find_charuco(photograph_board(BOARD, camera, np.eye(4)), BOARD)
+    assert len(view.uv_px) == 24
+    assert np.sqrt(np.mean((view.uv_px - camera.project(view.points_m)) ** 2)) < 0.15
+    assert BOARD.corners_m()[0].tolist() == pytest.approx([-0.03, 0.018, 0])
+
+
+def test_views_that_do_not_determine_the_camera_are_refused():
+    rng = np.random.default_rng(0)
+    camera = camera_at(88, rng)
+    flat = [seen(camera, geometry.rigid(np.eye(3), [s, -s, 0]), 0.1, rng) for s in np.linspace(-0.01, 0.01, 5)]
+    with pytest.raises(CalibrationError, match="3 are needed"):
+        calibrate_camera(flat[:2], SIZE)
+    with pytest.raises(CalibrationError, match=r"[Tt]ilt"):
+        calibrate_camera(flat, SIZE)
+
+
+def test_missing_boards_and_links_are_named():
+    _, views = network(0.05)
+    with pytest.raises(CalibrationError, match="cam2: the board was read in 1 poses"):
+        calibrate_views({**views, "cam2": {0: views["cam2"][0]}}, SIZES)
+    alone = {k + 20: v for k, v in views["cam3"].items()}
+    with pytest.raises(CalibrationError, match="cam3: no board pose links"):
+        calibrate_views({**views, "cam3": alone}, SIZES)
+    blank = np.arange(240 * 320, dtype=float).reshape(SIZE)
+    with pytest.raises(CalibrationError, match="cam0: the board was read in 0 poses"):
+        calibrate_cameras({"cam0": dict.fromkeys(range(4), blank)}, BOARD)
+    with pytest.raises(CalibrationError, match="cam0: images of sizes"):
+        calibrate_cameras({"cam0": {0: blank, 1: blank[:100]}}, BOARD)
+
+
+@pytest.mark.parametrize("board", [Board(7, 5, 0.01, 0.01), Board(2, 5, 0.01, 0.008), Board(7, 5, 0.01, 0.008, "X")])
+def test_what_is_no_board_is_refused(board):
+    with pytest.raises(CalibrationError):
+        board.detector_board()
+
+
+def test_gray_pictures_of_linear_images():
+    image = np.linspace(-3, 50, 300).reshape(10, 10, 3)
+    assert gray8(image).dtype == np.uint8
+    assert (gray8(image).min(), gray8(image).max()) == (0, 255)
+    np.testing.assert_array_equal(gray8(image * 1e4), gray8(image))
+    with pytest.raises(ImageError, match="contrast"):
+        gray8(np.zeros((4, 4)))
+    with pytest.raises(ImageError, match="not an image"):
+        gray8(np.zeros(4))
+
+
+def test_camera_models_survive_json(tmp_path):
+    cameras, views = network(0.1)
+    found = calibrate_views(views, SIZES)
+    path = tmp_path / "cameras.json"
+    write_cameras({**found, "nominal": cameras["cam0"]}, path)
+    again = read_cameras(path)
+    for name, camera in found.items():
+        for field in ("matrix", "distortion", "rig_from_camera", "deviation"):
+            np.testing.assert_array_equal(getattr(again[name], field), getattr(camera, field))
+        assert (again[name].size, again[name].rms_px) == (camera.size, camera.rms_px)
+    assert again["nominal"].deviation is None
+    assert np.isnan(again["nominal"].rms_px)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", '{"schema": "other/1"}', '{"schema": "camera-models/1", "cameras": {"a": {}}}']
+)
+def test_what_is_no_calibration_is_named(tmp_path, text):
+    path = tmp_path / "cameras.json"
+    path.write_text(text)
+    with pytest.raises(CalibrationError, match=r"cameras\.json: not a calibration"):
+        read_cameras(path)
+
+
+def test_json_is_plain():
+    camera = camera_at(45, np.random.default_rng(0))
+    assert json.loads(json.dumps(camera.to_json()))["size"] == [240, 320]
+    with pytest.raises(CalibrationError):
+        CameraModel.from_json({**camera.to_json(), "matrix": [1, 2, 3]})
+
+
+@pytest.mark.skipif(not (DATA / "chessboard").is_dir(), reason="the public chessboard photographs are not here")
+def test_public_chessboards():
+    """OpenCV's own figures on these 13 photographs: 0.195 px with the classical corners, focal length 532.8."""
+    paths = sorted((DATA / "chessboard").glob("left[0-9][0-9].jpg"))
+    views = [find_chessboard(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), 9, 6, 0.03) for p in paths]
+    camera = calibrate_camera(views, (480, 640))
+    assert sum(len(v.uv_px) > 0 for v in views) == 13
+    assert camera.rms_px < 0.195
+    assert camera.matrix[0, 0] == pytest.approx(532.8, abs=1.5)  # three sigma of this set
+
+
+@pytest.mark.skipif(not (DATA / "calib-bouguet").is_dir(), reason="the public calibration example is not here")
+def test_public_calibration_example():
+    """Bouguet's page gives 657.4 +- 0.35 px; OpenCV's sector-based corners 0.2155 px rms on all 20 images."""
+    paths = sorted((DATA / "calib-bouguet").glob("*.tif"))
+    views = [find_chessboard(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), 12, 13, 0.03) for p in paths]
+    camera = calibrate_camera(views, (480, 640))
+    assert sum(len(v.uv_px) > 0 for v in views) == 20
+    assert camera.rms_px < 0.2155
+    assert camera.matrix[0, 0] == pytest.approx(657.4, abs=0.7)  # both sets' three sigma

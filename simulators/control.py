@@ -38,7 +38,7 @@ class Control:
         """The reply to one line, itself a line."""
         try:
             reply = {"ok": True} | self._obey(json.loads(line))
-        except (ControlError, FaultError, ValueError, TypeError) as error:
+        except (FaultError, ValueError, TypeError, LookupError, ArithmeticError, OSError) as error:
             reply = {"ok": False, "error": str(error)}
         return json.dumps(reply).encode() + b"\n"
 
@@ -46,9 +46,10 @@ class Control:
         if not isinstance(request, dict):
             raise ControlError("a request is a JSON object")
         arguments = dict(request)
-        handler = self._operations.get(arguments.pop("op", ""))
+        name = arguments.pop("op", None)
+        handler = self._operations.get(str(name))
         if handler is None:
-            raise ControlError(f"unknown op {request.get('op')!r}: one of {', '.join(self._operations)}")
+            raise ControlError(f"unknown op {name!r}: one of {', '.join(self._operations)}")
         return handler(self, arguments)
 
     def _now(self, _: Mapping[str, Any]) -> dict[str, Any]:

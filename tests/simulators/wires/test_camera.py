@@ -1,3 +1,4 @@
+import itertools
 import struct
 
 import pytest
@@ -244,7 +245,7 @@ def test_burst_keeps_its_beat_and_follows_the_laser(client, clock, darkroom, wor
     clock.advance(3.0)
     starts = [shot["time_s"] for shot in darkroom.shots]
     assert len(starts) == 20
-    assert all(b - a == pytest.approx(0.133) for a, b in zip(starts, starts[1:], strict=False))
+    assert all(b - a == pytest.approx(0.133) for a, b in itertools.pairwise(starts))
     sweeps = [shot["pose"].laser_sweep for shot in darkroom.shots]
     flat = [angle for sweep in sweeps for angle in sweep]
     assert flat == sorted(flat), "the fan goes on in every frame and between frames"

@@ -1,3 +1,4 @@
+import itertools
 from math import inf, sqrt
 
 import pytest
@@ -36,7 +37,7 @@ def test_ramp_in_motion_is_continuous_and_arrives(start, velocity, target, speed
     motion = move(0, (start, velocity), target, speed, acceleration)
     points = sample(motion)
     rounding = 1e-6 * (1 + abs(velocity) + speed + abs(target - start))  # times are whole nanoseconds
-    for (t0, p0, v0), (t1, p1, v1) in zip(points, points[1:], strict=False):
+    for (t0, p0, v0), (t1, p1, v1) in itertools.pairwise(points):
         seconds = (t1 - t0) / NS_PER_S
         assert abs(v1 - v0) <= acceleration * seconds + rounding
         assert abs(p1 - p0) <= max(abs(v0), abs(v1), speed) * seconds + rounding
@@ -83,7 +84,7 @@ def test_laser_motor_is_uneven_but_never_turns_around(power, run, direction):
     motor = LaserMotor(39.2, (-1e6, 1e6))
     motor.turn(0, direction, power, (run,))
     ticks = [motor.ticks(i * NS_PER_S // 10) for i in range(150)]
-    steps = [direction * (b - a) for a, b in zip(ticks, ticks[1:], strict=False)]
+    steps = [direction * (b - a) for a, b in itertools.pairwise(ticks)]
     assert min(steps) > 0
     steady = steps[10:]
     nominal = 0.1 * 39.2 * (0.65 + 0.05 * power)

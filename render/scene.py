@@ -55,32 +55,31 @@ class Scene:
 def framed(
     mesh: Mesh, size: tuple[int, int], *, azimuth_rad: float, elevation_rad: float, field_of_view_rad: float = 0.45
 ) -> Camera:
-    """A camera that looks at the mesh's centre from a direction and sees all of it with a small margin.
+    """A camera that sees the mesh from a direction, in the middle of the window and as large as fits with a margin.
 
-    `size` is (width, height). The distance is the smallest one at which every vertex falls within 88 % of the window.
+    `size` is (width, height). All vertices fall within 88 % of the window along each side.
     """
-    centre = 0.5 * (mesh.positions.min(axis=0) + mesh.positions.max(axis=0))
     direction = light(azimuth_rad, elevation_rad).direction
-    radius = float(np.linalg.norm(mesh.positions - centre, axis=1).max())
     up = (0.0, 1.0, 0.0) if abs(direction[2]) > 0.999 else (0.0, 0.0, 1.0)
+    target = 0.5 * (mesh.positions.min(axis=0) + mesh.positions.max(axis=0))
+    radius = float(np.linalg.norm(mesh.positions - target, axis=1).max())
+    distance = 2.0 * radius / np.sin(0.5 * field_of_view_rad)
+    for _ in range(8):
+        camera = look_at(target + distance * direction, target, size, field_of_view_rad=field_of_view_rad, up=up)
+        middle, share = _extent(camera, mesh.positions)
+        # Both are exact for a far object; a near one is approached from farther away, step by step.
+        target = target + distance * (middle @ camera.camera_from_world[:2, :3])
+        distance = max(distance * share / 0.88, 1.05 * radius)
+    return look_at(target + distance * direction, target, size, field_of_view_rad=field_of_view_rad, up=up)
 
-    def seen_from(distance: float) -> Camera:
-        eye = centre + distance * direction
-        return look_at(eye, centre, size, field_of_view_rad=field_of_view_rad, up=up)
 
-    nearest, farthest = 1.01 * radius, 1.2 * radius / np.sin(0.5 * field_of_view_rad)
-    for _ in range(24):
-        middle = 0.5 * (nearest + farthest)
-        nearest, farthest = (nearest, middle) if _fits(seen_from(middle), mesh.positions, 0.88) else (middle, farthest)
-    return seen_from(farthest)
-
-
-def _fits(camera: Camera, positions: Rows, share: float) -> bool:
-    """Whether every point falls within that share of the window, seen from its centre."""
-    homogeneous = camera.in_camera(positions) @ camera.matrix.T
-    image_px = homogeneous[:, :2] / homogeneous[:, 2:]
-    half_px = 0.5 * np.array(camera.size)
-    return bool((np.abs(image_px - (half_px - 0.5)) <= share * half_px).all())
+def _extent(camera: Camera, positions: Rows) -> tuple[Float64, float]:
+    """Middle (2,) of the points' image as slopes from the optical axis, and the share of the window that it spans."""
+    points = camera.in_camera(positions)
+    slope = points[:, :2] / points[:, 2:]
+    low, high = slope.min(axis=0), slope.max(axis=0)
+    window = np.array(camera.size) / camera.matrix[[0, 1], [0, 1]]
+    return 0.5 * (low + high), float(((high - low) / window).max())
 
 
 def orbiting_light(scene: Scene, frames: int, *, arc_rad: float = 2.0 * np.pi) -> Iterator[Scene]:

@@ -9,7 +9,7 @@ from render.camera import Camera, look_at
 from render.mesh import Mesh
 from render.rasteriser import rasterise
 from render.scene import framed
-from render.shapes import plane, sphere, torus
+from render.shapes import plane, sphere, torus, vase
 
 
 def triangle(corners: np.ndarray) -> Mesh:
@@ -67,7 +67,7 @@ def test_barycentric_coordinates_are_those_of_space():
 
 @pytest.mark.parametrize("mesh", [sphere(shape=(24, 48)), torus(shape=(24, 48))], ids=["sphere", "torus"])
 def test_each_pixel_shows_the_nearest_surface(mesh):
-    """No vertex that faces the eye is hidden by something that lies behind it."""
+    """No pixel shows something that lies behind a vertex which falls into it."""
     camera = framed(mesh, (120, 120), azimuth_rad=0.3, elevation_rad=0.5)
     fragments = rasterise(mesh, camera)
     assert (np.diff(fragments.pixel) > 0).all()
@@ -94,15 +94,18 @@ def test_nothing_in_sight_is_an_empty_picture():
     assert len(rasterise(plane(), camera).pixel) == 0
 
 
-def test_framed_mesh_fills_the_window_and_stays_inside():
-    mesh = torus(shape=(24, 48))
-    camera = framed(mesh, (80, 60), azimuth_rad=0.7, elevation_rad=0.6)
-    pixel = rasterise(mesh, camera).pixel
-    column, row = pixel % 80, pixel // 80
-    assert column.min() > 1
-    assert column.max() < 78
-    assert row.min() > 1
-    assert row.max() < 58
-    # 88 % of the window leaves 6 % on either side: the torus touches that on one side, to a pixel and a half.
-    margins_px = [column.min(), 79 - column.max(), row.min(), 59 - row.max()]
-    assert min(margins_px) <= 0.06 * 80 + 1.5
+@pytest.mark.parametrize("mesh", [plane(), vase(), torus()], ids=["plane", "vase", "torus"])
+@pytest.mark.parametrize("size", [(80, 60), (50, 90)])
+def test_framed_mesh_stands_in_the_middle_and_fills_the_window(mesh, size):
+    """88 % of one side, the same margin on both sides, each to a pixel."""
+    camera = framed(mesh, size, azimuth_rad=0.7, elevation_rad=0.6)
+    points = camera.in_camera(mesh.positions) @ camera.matrix.T
+    image_px = points[:, :2] / points[:, 2:]
+    low, high = image_px.min(axis=0), image_px.max(axis=0)
+    np.testing.assert_allclose(low + high, np.array(size) - 1, atol=1.0)
+    assert ((high - low) / size).max() == pytest.approx(0.88, abs=1 / min(size))
+
+
+def test_framed_mesh_may_be_seen_from_straight_above():
+    camera = framed(plane(), (40, 40), azimuth_rad=0.0, elevation_rad=np.pi / 2)
+    assert len(rasterise(plane(), camera).pixel) == pytest.approx((0.88 * 40) ** 2, rel=0.1)

@@ -1,10 +1,12 @@
 """The printed ChArUco board: a flat picture on a plane."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
+import numba
 import numpy as np
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter
 
 from simulators.layout import BoardLayout
 from simulators.scene import Array, Floats, Hits, Mask, Material
@@ -22,20 +24,18 @@ class BoardScene:
 
     board: BoardLayout
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_print", _print(self.board))
+    @cached_property
+    def _print(self) -> Floats:
+        return _print(self.board)
 
     def trace(self, origin: Array, directions: Array) -> Hits:
         """First hits of rays from one origin (3,) along unit directions (n, 3); the back cannot be seen."""
-        height_px, width_px = self.__dict__["_print"].shape
-        half = np.array([width_px, height_px]) / (PIXELS_PER_MM * 2e3)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = -origin[2] / directions[:, 2]
-            points = origin + distance[:, None] * directions
-            seen = (distance > 0) & (origin[2] > 0) & np.all(np.abs(points[:, :2]) < half, axis=1)
-        ray = np.flatnonzero(seen)
-        points = points[ray] * (1.0, 1.0, 0.0)
-        albedo = self._albedo(points, half)
+        points = np.empty((len(directions), 3))
+        ink = np.full(len(directions), -1, np.float32)
+        if origin[2] > 0:
+            _look(origin, np.ascontiguousarray(directions), self._print, PIXELS_PER_MM * 1e3, (points, ink))
+        ray = np.flatnonzero(ink >= 0)
+        points, albedo = points[ray], np.repeat(ink[ray][:, None], 3, axis=1)
         normals = np.tile(np.array([0, 0, 1], np.float32), (len(ray), 1))
         material = Material(albedo, np.zeros(len(ray), np.float32), np.ones(len(ray), np.float32))
         return Hits(ray, points, normals, material)
@@ -44,11 +44,26 @@ class BoardScene:
         """Which hits (n,) see the point source (3,): all or none."""
         return np.full(len(hits.points), source[2] > 0)
 
-    def _albedo(self, points: Array, half: Array) -> Floats:
-        col = (points[:, 0] + half[0]) * 1e3 * PIXELS_PER_MM - 0.5
-        row = (half[1] - points[:, 1]) * 1e3 * PIXELS_PER_MM - 0.5
-        ink = map_coordinates(self.__dict__["_print"], [row, col], order=1, mode="nearest")
-        return np.repeat(ink.reshape(-1, 1), 3, axis=1)
+
+@numba.njit(cache=True)
+def _look(origin: Array, directions: Array, picture: Floats, scale: float, out: tuple[Array, Floats]) -> None:
+    """Points (n, 3) on the print and its bilinear albedo there (n,), left as they are where a ray misses."""
+    points, ink = out
+    height, width = picture.shape
+    for i in range(len(directions)):
+        if directions[i, 2] >= 0.0:
+            continue
+        distance = -origin[2] / directions[i, 2]
+        x, y = origin[0] + distance * directions[i, 0], origin[1] + distance * directions[i, 1]
+        col, row = x * scale + width / 2, height / 2 - y * scale
+        if not (0 < col < width and 0 < row < height):
+            continue
+        col, row = min(max(col - 0.5, 0.0), width - 1.0), min(max(row - 0.5, 0.0), height - 1.0)
+        c, r = min(int(col), width - 2), min(int(row), height - 2)
+        upper = picture[r, c] * (c + 1 - col) + picture[r, c + 1] * (col - c)
+        lower = picture[r + 1, c] * (c + 1 - col) + picture[r + 1, c + 1] * (col - c)
+        ink[i] = upper * (r + 1 - row) + lower * (row - r)
+        points[i, 0], points[i, 1], points[i, 2] = x, y, 0.0
 
 
 def _print(layout: BoardLayout) -> Floats:

@@ -1,6 +1,7 @@
 """The stepped white holder with a relief in its opening: first hits and shadows by marching rays over the raster."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -26,26 +27,29 @@ class HolderScene:
     holder: HolderLayout
     relief: Relief
 
-    def __post_init__(self) -> None:
-        height = np.ascontiguousarray(self.relief.height_m)
-        texel_m = self.relief.side_m / len(height)
-        around = np.pad(height, 1, mode="wrap")  # the reliefs are periodic
-        along_x = (around[1:-1, 2:] - around[1:-1, :-2]) / (2 * texel_m)
-        along_y = (around[:-2, 1:-1] - around[2:, 1:-1]) / (2 * texel_m)
-        object.__setattr__(self, "_slopes", np.stack([along_x, along_y], axis=-1))
-        object.__setattr__(self, "_field", (height, _block_heights(height), self.relief.side_m))
-
     @property
     def box(self) -> Box:
         """Half widths of the opening, the upper and the lower frame, and the height of the step."""
         holder = self.holder
         return holder.opening_m / 2, holder.upper_m / 2, holder.lower_m / 2, holder.step_m
 
-    @property
+    @cached_property
     def field(self) -> Field:
         """Heights, highest point per block, and side, as the kernels want them."""
-        field: Field = self.__dict__["_field"]
-        return field
+        height = np.ascontiguousarray(self.relief.height_m)
+        return height, _block_heights(height), self.relief.side_m
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """Slopes along x and y (n, n, 2) of the relief, which is periodic."""
+        around = np.pad(self.relief.height_m, 1, mode="wrap")
+        along_x, along_y = around[1:-1, 2:] - around[1:-1, :-2], around[:-2, 1:-1] - around[2:, 1:-1]
+        return np.stack([along_x, along_y], axis=-1) * len(self.relief.height_m) / (2 * self.relief.side_m)
+
+    @cached_property
+    def _maps(self) -> Array:
+        """Albedo, specular and roughness (n, n, 5) of the relief."""
+        return np.dstack([self.relief.albedo, self.relief.specular, self.relief.roughness])
 
     def trace(self, origin: Array, directions: Array) -> Hits:
         """First hits of rays from one origin (3,) along unit directions (n, 3)."""
@@ -70,17 +74,16 @@ class HolderScene:
         return found
 
     def _relief_normals(self, points: Array) -> Floats:
-        slopes = _sample(self.__dict__["_slopes"], points[:, 0], points[:, 1], self.relief.side_m)
+        slopes = _sample(self._slopes, points[:, 0], points[:, 1], self.relief.side_m)
         normals = np.column_stack([-slopes, np.ones(len(slopes))])
         length: Array = np.linalg.norm(normals, axis=1, keepdims=True)
         return (normals / length).astype(np.float32)
 
     def _material(self, points: Array, on_relief: Mask) -> Material:
         relief = self.relief
-        maps = np.dstack([relief.albedo, relief.specular, relief.roughness])
         values = np.empty((len(points), 5), np.float32)
         values[:] = (*(self.holder.albedo,) * 3, 0.0, 1.0)
-        values[on_relief] = _sample(maps, points[on_relief, 0], points[on_relief, 1], relief.side_m)
+        values[on_relief] = _sample(self._maps, points[on_relief, 0], points[on_relief, 1], relief.side_m)
         return Material(values[:, :3].copy(), values[:, 3].copy(), values[:, 4].copy())
 
 

@@ -1,6 +1,7 @@
 """Ground truth, written beside the sessions for tests and benchmarks; never read by what is being tested."""
 
 import hashlib
+import inspect
 import json
 from collections.abc import Callable
 from math import degrees, radians
@@ -73,9 +74,10 @@ class Truth:
         if what not in tellers:
             raise ValueError(f"no truth named {what!r}: one of {', '.join(tellers)}")
         try:
-            return tellers[what](pose, **arguments)
+            inspect.signature(tellers[what]).bind(pose, **arguments)
         except TypeError as error:
             raise ValueError(f"truth {what!r}: {error}") from error
+        return tellers[what](pose, **arguments)
 
     def displacement(self, pose: Pose, camera: str, texels: int) -> dict[str, Any]:
         """Displacement (texels, texels) in metres along the view rays through the texel centres, NaN where none hits.

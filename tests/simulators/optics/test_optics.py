@@ -155,3 +155,9 @@ def test_unknown_sample_and_truth_are_refused(optics, pose, studio, tmp_path):
         optics.truth("displacement", pose(), camera="cam1")
     with pytest.raises(ValueError, match="cam9"):
         Truth(tmp_path, studio, optics.rate).points(pose(), "cam9")
+
+
+def test_the_full_rig_makes_full_pictures(pose, tmp_path):
+    rig = Optics(1, "full", tmp_path)
+    data = rig.photograph("cam7", pose(lamps=LAMP), 0.1, serial="VC-0007", frame_key=(), time_s=0.0)
+    assert _raw(data).shape == (768, 1024)

@@ -34,7 +34,8 @@ class Line:
     def reply(self, data: bytes, fault: Fault | None) -> None:
         """Send a reply, or what the fault leaves of it."""
         self.charge(len(data))
-        match fault.kind if fault else None:
+        kind, seconds = (fault.kind, fault.seconds) if fault else ("", 0.0)
+        match kind:
             case "drop":
                 return
             case "stale":
@@ -42,9 +43,9 @@ class Line:
                 return
             case "delay":
                 late = self._held + data
-                self._clock.after(fault.seconds if fault else 0.0, lambda: self.write(late))
+                self._clock.after(seconds, lambda: self.write(late))
             case "unplug":
-                self.unplug(fault.seconds if fault else 0.0)
+                self.unplug(seconds)
             case "duplicate":
                 self.write(self._held + data + data)
             case "corrupt":

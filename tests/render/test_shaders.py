@@ -65,6 +65,14 @@ def test_lobe_equals_reference_for_every_exponent(gl, srf, exponent, diffuse, sp
     assert gl_vs_reference(replace(srf, phong=lobe), MESHES["torus"], lit, (64, 64), renderer=gl) <= BOUND
 
 
+@pytest.mark.parametrize("exponent", [1.0, 5.0, 20.0, 80.0, 500.0])
+def test_lobe_alone_is_exact_to_a_few_float32_steps(gl, exponent):
+    """A driver's pow() is off by 1e-5 and more; five terms of the size of the lobe round to 3e-7."""
+    lobe = BlinnPhong(np.zeros(3), np.ones(3), exponent)
+    material = replace(synthetic.stone(4, 4), residual=np.zeros((3, 4, 4, 3), np.float32), phong=lobe)
+    assert gl_vs_reference(material, MESHES["sphere"], size=(120, 120), renderer=gl) <= 4e-6
+
+
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 1000), count=st.integers(3, 40), rank=st.integers(1, 6))
 def test_btf_equals_reference_for_any_set_of_directions(gl, seed, count, rank):

@@ -118,7 +118,7 @@ class LaserSweep:
         return np.asarray(variance, np.float64)
 
 
-def laser_sweep(
+def sweep_planes(
     peaks: PeakTimes, camera: CameraModel, rig_from_sample: Array, holder: Holder, mount: LaserMount
 ) -> LaserSweep:
     """Laser planes of a sweep from the peak times of one camera that sees the holder.

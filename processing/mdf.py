@@ -12,7 +12,7 @@ from processing.calibration import CameraModel
 from processing.displacement import Merged, merge_displacements, tetrahedron_weights
 from processing.errors import ImageError
 from processing.holder import Holder, reference_region
-from processing.laser_plane import LaserMount, LaserSweep, SweepStatus, laser_sweep
+from processing.laser_plane import LaserMount, LaserSweep, SweepStatus, sweep_planes
 from processing.products.mdf import Mdf
 from processing.radiometry import Sensor
 from processing.range_image import RangeImage, RangeStatus, range_image
@@ -106,7 +106,7 @@ def measure_sweep(sweep: Sweep, holder: Holder, settings: PulseSettings | None =
         peaks = peak_times(peaks, sweep.sensor, settings, sweep.times)
     if peaks.status.shape != tuple(sweep.camera.size):
         raise ImageError(f"{sweep.view}: frames of {peaks.status.shape} pixels, but a camera of {sweep.camera.size}.")
-    laser = laser_sweep(peaks, sweep.camera, sweep.rig_from_sample, holder, sweep.mount)
+    laser = sweep_planes(peaks, sweep.camera, sweep.rig_from_sample, holder, sweep.mount)
     if laser.status != SweepStatus.NO_STRIPE:
         peaks = _without_dim(peaks, sweep, holder, laser)
     return SweepResult(sweep, peaks, laser, range_image(peaks, sweep.camera, sweep.rig_from_sample, holder, laser))

@@ -17,7 +17,7 @@ OK, TOO_DARK, CUT_OFF, DOUBLE, SATURATED, DISTORTED = range(6)
 
 _ITERATIONS = 25
 _TOLERANCE = 1e-3  # of the time's own sigma; the same share of amplitude and width, times ten
-_GROWTH = 2.0  # a pulse wider than this many common widths, or narrower than its inverse, is none
+_GROWTH = 2.0  # a pulse wider than this many common widths (or e^3 tolerance), or as much narrower, is none
 
 _Pixels = tuple[NDArray[np.uint16], NDArray[np.int32], NDArray[np.uint16], NDArray[np.uint64]]
 _Vector = NDArray[np.float64]
@@ -43,6 +43,7 @@ def fit_pulses(
     """
     window, brightest, second, total = pixels
     samples, moments = np.empty(window.shape[1]), np.empty(window.shape[1])
+    growth = max(math.log(_GROWTH), 3.0 * width[1])
     for pixel in range(window.shape[0]):
         row = out[pixel]
         row[:] = np.nan
@@ -60,7 +61,7 @@ def fit_pulses(
         second_e = (second[pixel] - camera[0]) * camera[1]
         about = (times[brightest[pixel]], background, float(others), second_e, times[0], times[-1])
         _fit(samples[:count], moments[:count], about, camera, width, row)
-        row[STATUS] = _status(samples[:count], moments[:count], about, camera, (width[0], *limits), row)
+        row[STATUS] = _status(samples[:count], moments[:count], about, camera, (width[0], growth, *limits), row)
 
 
 @njit(nogil=True, cache=True)
@@ -115,12 +116,12 @@ def _status(
     moments: _Vector,
     about: _About,
     camera: _Camera,
-    limits: tuple[float, float, float, float],
+    limits: tuple[float, float, float, float, float],
     row: _Vector,
 ) -> int:
     """What the fit in `row` amounts to, the first that applies."""
     peak, background, _, second_e, first_time, last_time = about
-    common_width, significance, floor_e, fraction = limits
+    common_width, growth, significance, floor_e, fraction = limits
     noise = math.sqrt(max(row[AMPLITUDE_VARIANCE], camera[2] / samples.size))
     cut = peak <= first_time or peak >= last_time
     status = OK
@@ -128,7 +129,7 @@ def _status(
         status = TOO_DARK
     elif cut or min(row[TIME] - first_time, last_time - row[TIME]) < row[WIDTH]:
         status = CUT_OFF
-    elif row[STATUS] == DISTORTED or abs(math.log(row[WIDTH] / common_width)) > math.log(_GROWTH):
+    elif row[STATUS] == DISTORTED or abs(math.log(row[WIDTH] / common_width)) > growth:
         status = DISTORTED
     elif not _flanked(samples, moments, camera, row):
         status = SATURATED

@@ -42,6 +42,7 @@ class StepperAxis:
         self._homed_at_opening: int | None = None
         self._searching = True  # another process may have left a search running
         self._move: _Move | None = None
+        self._rest_steps: int | None = None  # where it stands, as far as no question is needed
 
     @property
     def name(self) -> str:
@@ -68,7 +69,7 @@ class StepperAxis:
 
         Raises DeviceError where the search does not end in the time that the whole range takes.
         """
-        self._homed_at_opening, self._move = None, None
+        self._homed_at_opening = self._move = self._rest_steps = None
         self._searching = True
         self._ask(self._search(Search.START), "reference search")
         self._await_search()
@@ -103,7 +104,9 @@ class StepperAxis:
             )
         self.check(angle_rad)
         target_steps = self._steps(angle_rad)
-        ramp_s = self._ramp.time_s(target_steps - self._position_steps())
+        from_steps = self._position_steps() if self._rest_steps is None else self._rest_steps
+        ramp_s = self._ramp.time_s(target_steps - from_steps)
+        self._rest_steps = None
         request = tmcl.move_absolute(self._config.module, self._config.motor, target_steps)
         self._ask(request, f"move to {degrees(angle_rad):.6g} deg")
         due_s = self._clock.now_s() + ramp_s
@@ -121,7 +124,7 @@ class StepperAxis:
                 raise self._stalled(move)
             self._clock.sleep(_POLL_S)
             arrived_s = self._clock.now_s()
-        self._move = None
+        self._move, self._rest_steps = None, move.target_steps
         self._sleep_until(arrived_s + self._config.settle_s)
 
     def angle_rad(self) -> float:
@@ -130,7 +133,7 @@ class StepperAxis:
 
     def stop(self) -> None:
         """Stop at once; returns when the speed reads 0. Raises DeviceError where it does not within the ramp's time."""
-        self._move = None
+        self._move = self._rest_steps = None
         if self._searching:
             self._ask(self._search(Search.STOP), "stop of the reference search")
             self._searching = False

@@ -14,7 +14,7 @@ FrameT = TypeVar("FrameT")
 
 _TRACE_LENGTH = 8
 _TRACE_BYTES = 24  # shown of one chunk
-_QUIET_S = 0.25  # of silence behind bytes that are no reply: on every wire of the rig a reply comes in one piece
+_QUIET_S = 0.25  # of silence behind bytes that are no reply: over a serial wire a reply comes in one piece
 
 
 class Reader(Protocol[FrameT]):
@@ -61,13 +61,22 @@ class Link(Generic[FrameT]):
     """
 
     def __init__(
-        self, device: str, transport: Transport, reader: Reader[FrameT], clock: RigClock, *, echo: Echo | None = None
+        self,
+        device: str,
+        transport: Transport,
+        reader: Reader[FrameT],
+        clock: RigClock,
+        *,
+        echo: Echo | None = None,
+        quiet_s: float = _QUIET_S,
     ) -> None:
+        """Nothing is opened yet. After rubbish, a silence of `quiet_s` ends the waiting before its time."""
         self.device = device
         self._transport = transport
         self._reader = reader
         self._clock = clock
         self._echo = echo
+        self._quiet_s = quiet_s
         self._lock = threading.RLock()
         self._trace: deque[tuple[str, bytes]] = deque(maxlen=_TRACE_LENGTH)
         self._queue: deque[FrameT] = deque()
@@ -119,8 +128,8 @@ class Link(Generic[FrameT]):
                         return frame
                 try:
                     left_s = deadline.left_s()
-                    self._take(self._transport.read(min(left_s, _QUIET_S) if rubbish else left_s))
-                    rubbish = not self._queue
+                    came = self._take(self._transport.read(min(left_s, self._quiet_s) if rubbish else left_s))
+                    rubbish = not self._queue and (came or rubbish)
                 except ReadTimeoutError as error:
                     self._clock.has_waited(timeout_s - deadline.left_s())
                     raise self._no_answer(what, timeout_s, rubbish=rubbish) from error
@@ -156,16 +165,17 @@ class Link(Generic[FrameT]):
         self.send(data)
         return self.receive(accept, what=what, timeout_s=timeout_s)
 
-    def _take(self, data: bytes) -> None:
+    def _take(self, data: bytes) -> bool:
+        """Whether there were other bytes than echo."""
         if data:
             self._trace.append(("<", data))
+            data = data if self._echo is None else self._echo.strip(data)
             try:
-                self._queue.extend(self._reader.feed(self._echo.strip(data) if self._echo is not None else data))
+                self._queue.extend(self._reader.feed(data))
             except FrameError as error:
                 self._transport.close()
-                raise TransportError(
-                    f"{self.device}: {error}. The connection was closed; it is opened anew."
-                ) from error
+                raise TransportError(f"{self.device}: {error}. The connection was closed; is opened anew.") from error
+        return bool(data)
 
     def _no_answer(self, what: str, timeout_s: float, *, rubbish: bool) -> ReadTimeoutError | FrameError:
         if rubbish:

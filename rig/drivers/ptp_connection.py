@@ -159,4 +159,4 @@ class PtpConnection:
 
 
 def _link(camera: str, address: str, clock: RigClock) -> Link[Packet]:
-    return Link(camera, SocketTransport(camera, address), ptp_ip.PacketReader(), clock)
+    return Link(camera, SocketTransport(camera, address), ptp_ip.PacketReader(), clock, quiet_s=_REPLY_TIMEOUT_S)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import sqrt
 from typing import Self
 
@@ -21,15 +22,16 @@ class Ramp:
     @classmethod
     def choose(cls, axis: str, speed_steps_s: float, acceleration_steps_s2: float) -> Self:
         """Nearest ramp to what rig.toml asks for. Raises ConfigError where the controller cannot do it."""
-        pulse = _finest(speed_steps_s, tmcl.speed_unit)
-        ramp = None if pulse is None else _finest(acceleration_steps_s2, lambda n: tmcl.acceleration_unit(pulse, n))
-        if pulse is None or ramp is None:
-            raise ConfigError(
-                f"{axis}: {speed_steps_s:g} steps/s with {acceleration_steps_s2:g} steps/s^2 is beyond the motion "
-                f"controller. Change speed_deg_s, acceleration_deg_s2 or steps_per_deg in rig.toml, [axes.{axis}]."
-            )
-        speed = round(speed_steps_s / tmcl.speed_unit(pulse))
-        return cls(pulse, ramp, speed, round(acceleration_steps_s2 / tmcl.acceleration_unit(pulse, ramp)))
+        for pulse in reversed(_fitting(speed_steps_s, tmcl.speed_unit)):
+            ramps = _fitting(acceleration_steps_s2, partial(tmcl.acceleration_unit, pulse))
+            if ramps:
+                speed = round(speed_steps_s / tmcl.speed_unit(pulse))
+                unit = tmcl.acceleration_unit(pulse, ramps[-1])
+                return cls(pulse, ramps[-1], speed, round(acceleration_steps_s2 / unit))
+        raise ConfigError(
+            f"{axis}: {speed_steps_s:g} steps/s with {acceleration_steps_s2:g} steps/s^2 is beyond the motion "
+            f"controller. Change speed_deg_s, acceleration_deg_s2 or steps_per_deg in rig.toml, [axes.{axis}]."
+        )
 
     @property
     def speed_steps_s(self) -> float:
@@ -50,7 +52,6 @@ class Ramp:
         return way / speed + speed / acceleration
 
 
-def _finest(wanted: float, unit: Callable[[int], float]) -> int | None:
-    """The largest divisor with which the value stays within range and is not zero."""
-    fitting = [n for n in range(tmcl.DIVISOR_MAX + 1) if 1 <= round(wanted / unit(n)) <= tmcl.INTERNAL_MAX]
-    return max(fitting, default=None)
+def _fitting(wanted: float, unit: Callable[[int], float]) -> list[int]:
+    """The divisors with which the value stays within range and is not zero; the last one is the finest."""
+    return [n for n in range(tmcl.DIVISOR_MAX + 1) if 1 <= round(wanted / unit(n)) <= tmcl.INTERNAL_MAX]

@@ -9,7 +9,7 @@ import exifread
 from rig.errors import FrameCheckError
 
 _SERIAL = "Image Tag 0xC62F"  # CameraSerialNumber (DNG specification 1.7)
-_EXPOSURE = "EXIF ExposureTime"
+_EXPOSURE = ("EXIF ExposureTime", "Image ExposureTime")  # cameras differ in the directory that they put it in
 _EXTENTS = (("Image StripOffsets", "Image StripByteCounts"), ("Image TileOffsets", "Image TileByteCounts"))
 
 
@@ -24,15 +24,17 @@ class FileFacts:
 def read_facts(camera: str, data: bytes) -> FileFacts:
     """Facts from the tags of a DNG. Raises FrameCheckError where it is none, is cut, or leaves them out."""
     tags = exifread.process_file(io.BytesIO(data), details=False)
-    missing = [name for name in (_SERIAL, _EXPOSURE) if name not in tags]
-    if missing:
-        raise FrameCheckError(f"{camera}: the frame of {len(data)} bytes is no DNG, or lacks {' and '.join(missing)}.")
+    exposure = next((tags[name] for name in _EXPOSURE if name in tags), None)
+    if exposure is None or _SERIAL not in tags:
+        raise FrameCheckError(
+            f"{camera}: the frame of {len(data)} bytes is no DNG with serial number and exposure time."
+        )
     end = max((_end(tags, *names) for names in _EXTENTS), default=0)
     if end > len(data) or end == 0:
         raise FrameCheckError(
             f"{camera}: the frame is cut: {len(data)} bytes of at least {end or 'an unknown number of'}."
         )
-    return FileFacts(str(tags[_SERIAL].values).strip("\0 "), float(tags[_EXPOSURE].values[0]))
+    return FileFacts(str(tags[_SERIAL].values).strip("\0 "), float(exposure.values[0]))
 
 
 def _end(tags: dict[str, Any], offsets: str, counts: str) -> int:

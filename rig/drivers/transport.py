@@ -2,14 +2,17 @@
 
 import select
 import socket
+import termios
 from typing import Protocol
 
 import serial
 
+from rig.drivers.clock import Deadline
 from rig.errors import ConnectError, ReadTimeoutError, TransportError
 
 _CONNECT_TIMEOUT_S = 5.0
 _WRITE_TIMEOUT_S = 5.0
+_SLICE_S = 0.02
 _CHUNK = 1 << 16
 
 
@@ -51,21 +54,17 @@ class SerialTransport:
         self._url = url
         self._baudrate = baudrate
         self._parity = parity
-        self._port: serial.SerialBase | None = None
+        self._port: serial.Serial | None = None
 
     def open(self) -> None:
         """Open it, anew where it was closed. Raises ConnectError."""
         self.close()
-        options = {} if "://" in self._url else {"exclusive": True}
         try:
-            self._port = serial.serial_for_url(
-                self._url,
-                baudrate=self._baudrate,
-                parity=self._parity,
-                timeout=0,
-                write_timeout=_WRITE_TIMEOUT_S,
-                **options,
-            )
+            try:
+                self._port = self._new_port(self._parity)
+            except termios.error:
+                # A pseudo-terminal knows no parity, and says so from the second opening on.
+                self._port = self._new_port(serial.PARITY_NONE)
         except (OSError, ValueError) as error:
             raise ConnectError(
                 f"{self._device}: cannot open {self._url} ({error}). Is the adapter plugged in and free? "
@@ -86,24 +85,24 @@ class SerialTransport:
 
     def read(self, timeout_s: float) -> bytes:
         """What has come, at least one byte. Raises ReadTimeoutError on silence, TransportError when unplugged."""
-        port = self._opened()
+        port, deadline = self._opened(), Deadline(timeout_s)
         try:
-            port.timeout = timeout_s
-            data = bytes(port.read(1))
-            port.timeout = 0
-            data += bytes(port.read(_CHUNK)) if data else b""
+            while not (data := bytes(port.read(1))):
+                if not deadline.left_s():
+                    raise ReadTimeoutError(f"{self._device}: no byte from {self._url} within {timeout_s:.3g} s")
+            return data + bytes(port.read(port.in_waiting))
+        except ReadTimeoutError:
+            raise
         except OSError as error:
             raise self._lost(error) from error
-        if not data:
-            raise ReadTimeoutError(f"{self._device}: no byte from {self._url} within {timeout_s:.3g} s")
-        return data
 
     def drain(self) -> bytes:
         """What has come by now, perhaps nothing; does not wait. Raises TransportError when unplugged."""
-        port = self._opened()
+        port, data = self._opened(), b""
         try:
-            port.timeout = 0
-            return bytes(port.read(_CHUNK))
+            while waiting := port.in_waiting:  # some ports tell no more than that there is something
+                data += bytes(port.read(waiting))
+            return data
         except OSError as error:
             raise self._lost(error) from error
 
@@ -113,7 +112,18 @@ class SerialTransport:
         if port is not None:
             port.close()
 
-    def _opened(self) -> serial.SerialBase:
+    def _new_port(self, parity: str) -> serial.Serial:
+        options = {} if "://" in self._url else {"exclusive": True}
+        return serial.serial_for_url(
+            self._url,
+            baudrate=self._baudrate,
+            parity=parity,
+            timeout=_SLICE_S,  # fixed: to change it would set the port up anew, which a pseudo-terminal refuses
+            write_timeout=_WRITE_TIMEOUT_S,
+            **options,
+        )
+
+    def _opened(self) -> serial.Serial:
         if self._port is None:
             raise TransportError(f"{self._device}: {self._url} is not open")
         return self._port

@@ -83,7 +83,7 @@ class _Target:
 
 
 class GlRenderer:
-    """Draws scenes with OpenGL; belongs to the thread that made it. Raises GlUnavailableError where there is no GL."""
+    """Draws scenes with OpenGL; used by one thread at a time. Raises GlUnavailableError where there is no GL."""
 
     def __init__(self) -> None:
         self.context = open_context()

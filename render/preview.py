@@ -39,7 +39,7 @@ def open_renderer() -> Renderer:
 
 
 class Preview:
-    """A window of `size` (width, height) without a screen, used as a context manager in one thread.
+    """A window of `size` (width, height) without a screen, used as a context manager, by one thread at a time.
 
     Each pixel is the average of `supersampling` x `supersampling` samples. Without a `renderer` it opens one by
     `open_renderer`; `renderer_name` says what draws. Raises SceneError for a window without pixels.

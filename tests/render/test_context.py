@@ -3,8 +3,11 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+ROOT = Path(__file__).parents[2]
 
 PROGRAM = """
 import logging, sys
@@ -37,6 +40,7 @@ with Preview((24, 16)) as preview:
 def test_without_opengl_the_reference_draws_after_one_notice(without):
     result = subprocess.run(
         [sys.executable, "-c", PROGRAM],
+        cwd=ROOT,
         env=os.environ | without,
         capture_output=True,
         text=True,

@@ -1,5 +1,6 @@
 """Pictures: both renderers draw the same, light adds up, windows change, memory goes back."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import moderngl
@@ -221,6 +222,16 @@ def test_memory_goes_back_when_the_preview_closes(srf, btf):
         assert len(held_by(renderer)) < len(held)
     assert all(isinstance(resource.mglo, moderngl.InvalidObject) for resource in held)
     assert not held_by(renderer)
+
+
+def test_renderer_may_be_made_in_one_thread_and_draw_in_another(gl, flat):
+    scene = scene_of(plane(), flat)
+    expected = gl.draw(scene).radiance
+    renderer = GlRenderer()
+    with ThreadPoolExecutor(1) as pool:
+        np.testing.assert_array_equal(pool.submit(renderer.draw, scene).result().radiance, expected)
+    np.testing.assert_array_equal(renderer.draw(scene).radiance, expected)
+    renderer.release()
 
 
 def test_two_previews_live_side_by_side(gl, flat, srf):

@@ -51,14 +51,25 @@ def fit_residual(
     `delta` and `weights` are (direction, texel, channel), `half` (direction, texel, 3) or (direction, 3); weight 0
     leaves a sample out, whatever its delta. Source: Ma et al. 2004, 4.3.
     """
-    texels, channels = delta.shape[1:]
-    gram, right = np.zeros((texels, channels, 6)), np.zeros((texels, channels, 3))
+    right = np.zeros((*delta.shape[1:], 3))
     for one_delta, one_half, weight in zip(delta, half, weights, strict=True):
-        products = np.stack([one_half[..., i] * one_half[..., j] for i, j in _PAIRS], axis=-1)
-        gram += weight[..., None] * np.atleast_2d(products)[:, None, :]
         moment = weight * np.where(weight > 0, one_delta, 0.0)
         right += moment[..., None] * np.atleast_2d(one_half)[:, None, :]
-    return NormalEquations(gram, right).solve(rank_tolerance)
+    return NormalEquations(gram_matrices(half, weights), right).solve(rank_tolerance)
+
+
+def gram_matrices(half: Float64, weights: Float64) -> Float64:
+    """Sums of w H H^T over the directions, (texel, channel, 6); arguments as in `fit_residual`."""
+    gram = np.zeros((*weights.shape[1:], 6))
+    for one_half, weight in zip(half, weights, strict=True):
+        gram += weight[..., None] * outer_products(np.atleast_2d(one_half))[:, None, :]
+    return gram
+
+
+def left_over(delta: Float64, half: Float64, fit: ResidualFit) -> Float64:
+    """delta - s . H, (direction, texel, channel); `half` as in `fit_residual`."""
+    pattern = "dk,tck->dtc" if half.ndim == 2 else "dtk,tck->dtc"
+    return np.asarray(delta - np.einsum(pattern, half, fit.vectors, optimize=True), np.float64)
 
 
 def outer_products(half: Float64) -> Float64:

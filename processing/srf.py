@@ -11,11 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.errors import ImageError
+from processing.measurements import Measurements, sphere_measurements
 from processing.phong import FitStatus, LobeSamples, PhongFit, average_lobes, fit_blinn_phong
 from processing.products import BlinnPhong, Btf, ReflectanceMaps, Srf, half_vectors, sphere_normals, tangent_frames
 from processing.products.arrays import Float32, Float64
-from processing.residual import RANK_TOLERANCE, NormalEquations, ResidualFit, fit_residual, outer_products
+from processing.residual import RANK_TOLERANCE, NormalEquations, ResidualFit, fit_residual, left_over, outer_products
+
+__all__ = [
+    "Measurements",
+    "SrfFit",
+    "fit_phong",
+    "fit_phong_per_direction",
+    "fit_phong_to_btf",
+    "fit_srf",
+    "fit_srf_to_btf",
+    "sphere_measurements",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,71 +68,6 @@ class SrfFit:
         return self.mse_srf / self.variance if self.variance > 0 else 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Measurements:
-    """Samples (direction, texel): `value` f with the cosine inside and its `variance` (..., 3), NaN = none.
-
-    `cos_light` N.L and `cos_half` N.H are (direction, texel); `half` (direction, texel, 3) is H in the frame that the
-    residual is to be fitted in.
-    """
-
-    value: Float64
-    variance: Float64
-    cos_light: Float64
-    cos_half: Float64
-    half: Float64
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """Lit samples with a value and a variance, (direction, texel, 3)."""
-        measured = np.isfinite(self.value) & np.isfinite(self.variance) & (self.variance > 0)
-        return np.asarray(measured & (self.cos_light > 0)[..., None], np.bool_)
-
-    def delta(self, phong: BlinnPhong) -> Float64:
-        """R - f (the paper's eq. 4), NaN where there is no sample."""
-        return self.value - phong.evaluate_cosines(self.cos_light, self.cos_half)
-
-    def lobe_samples(self, model_variance: Float64) -> LobeSamples:
-        """All samples in one list; `model_variance` (3,) is what the lobe cannot follow, on top of the noise."""
-        return LobeSamples(
-            self.value.reshape(-1, 3),
-            self.cos_light.ravel(),
-            self.cos_half.ravel(),
-            (self.variance + model_variance).reshape(-1, 3),
-        )
-
-    def direction(self, index: int) -> "Measurements":
-        """The samples of one direction."""
-        one = slice(index, index + 1)
-        return Measurements(
-            self.value[one], self.variance[one], self.cos_light[one], self.cos_half[one], self.half[one]
-        )
-
-    def excess_variance(self, error: Float64) -> Float64:
-        """Mean squared `error` (direction, texel, 3) beyond the samples' own noise, per channel, at least 0."""
-        valid = self.valid
-        count = np.maximum(valid.sum(axis=(0, 1)), 1)
-        beyond = np.where(valid, error**2 - self.variance, 0.0).sum(axis=(0, 1)) / count
-        return np.asarray(np.maximum(beyond, 0.0), np.float64)
-
-
-def sphere_measurements(maps: ReflectanceMaps) -> Measurements:
-    """The samples of a sphere, H in the camera frame; raises ImageError where the maps have not three channels."""
-    lights, count = len(maps.reflectance_cos), maps.reflectance_cos.shape[1] ** 2
-    if maps.reflectance_cos.shape[-1] != 3:
-        raise ImageError(f"reflectance maps have {maps.reflectance_cos.shape[-1]} channels, an SRF has 3")
-    normal = sphere_normals(maps.reflectance_cos.shape[1]).reshape(count, 3)
-    light = maps.lights().reshape(lights, count, 3)
-    half = half_vectors(light, maps.views().reshape(count, 3))
-    return Measurements(
-        maps.reflectance_cos.reshape(lights, count, 3).astype(np.float64),
-        maps.variance.reshape(lights, count, 3).astype(np.float64),
-        (light * normal).sum(axis=-1),
-        (half * normal).sum(axis=-1),
-        half,
-    )
-
-
 def fit_phong(measurements: Measurements) -> PhongFit:
     """One lobe for all directions and texels.
 
@@ -150,14 +96,14 @@ def fit_srf(maps: ReflectanceMaps, phong: BlinnPhong, rank_tolerance: float = RA
     measurements = sphere_measurements(maps)
     valid, delta = measurements.valid, measurements.delta(phong)
     fit = fit_residual(delta, measurements.half, valid.astype(np.float64), rank_tolerance)
-    excess = measurements.excess_variance(_left_over(delta, measurements.half, fit))
+    excess = measurements.excess_variance(left_over(delta, measurements.half, fit))
     weights = np.divide(1.0, measurements.variance + excess, out=np.zeros(valid.shape), where=valid)
     fit = fit_residual(delta, measurements.half, weights, rank_tolerance)
     size = maps.reflectance_cos.shape[1]
     frames = tangent_frames(sphere_normals(size)).reshape(-1, 3, 3)
     turned = ResidualFit(np.einsum("tij,tcj->tci", frames, fit.vectors), fit.rank, fit.condition)
     srf = Srf(_as_maps(turned.vectors, size).astype(np.float32), phong, False, maps.provenance)
-    errors = _Errors.of(measurements.value, valid, delta, _left_over(delta, measurements.half, fit))
+    errors = _Errors.of(measurements.value, valid, delta, left_over(delta, measurements.half, fit))
     return _result(srf, turned, errors)
 
 
@@ -190,7 +136,7 @@ def fit_srf_to_btf(btf: Btf, phong: BlinnPhong, rank_tolerance: float = RANK_TOL
         gram = np.einsum("dtc,dk->tck", valid.astype(np.float64), outer_products(half), optimize=True)
         right = np.einsum("dtc,dk->tck", np.where(valid, delta, 0.0), half, optimize=True)
         fits.append(NormalEquations(gram, right).solve(rank_tolerance))
-        errors.append(_Errors.of(radiance, valid, delta, _left_over(delta, half, fits[-1])))
+        errors.append(_Errors.of(radiance, valid, delta, left_over(delta, half, fits[-1])))
     fit = ResidualFit(
         np.concatenate([one.vectors for one in fits]),
         np.concatenate([one.rank for one in fits]),
@@ -250,12 +196,6 @@ def _result(srf: Srf, fit: ResidualFit, errors: _Errors) -> SrfFit:
         errors.variance / unit,
         errors.peak,
     )
-
-
-def _left_over(delta: Float64, half: Float64, fit: ResidualFit) -> Float64:
-    """delta - s . H, (direction, texel, channel)."""
-    pattern = "dk,tck->dtc" if half.ndim == 2 else "dtk,tck->dtc"
-    return np.asarray(delta - np.einsum(pattern, half, fit.vectors, optimize=True), np.float64)
 
 
 def _as_maps(texels: NDArray[Any], height: int) -> NDArray[Any]:

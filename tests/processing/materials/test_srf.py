@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
+from processing.measurements import sphere_measurements
 from processing.phong import FitStatus
 from processing.products import BlinnPhong, Btf, ReflectanceMaps, half_vectors, sphere_normals, tangent_frames
 from processing.residual import RANK_TOLERANCE, NormalEquations, fit_residual, outer_products
@@ -13,7 +14,6 @@ from processing.srf import (
     fit_phong_to_btf,
     fit_srf,
     fit_srf_to_btf,
-    sphere_measurements,
 )
 from tests.reference import residual as reference
 

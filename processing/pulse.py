@@ -90,7 +90,7 @@ def _gather(
 def _fit(
     samples: _Vector, moments: _Vector, about: _About, camera: _Camera, width: tuple[float, float, float], row: _Vector
 ) -> None:
-    """Fill `row` but for the status, which stays DISTORTED where the fit did not come to rest."""
+    """Fill `row` but for the status, which is DISTORTED where the fit did not come to rest: the start then stands."""
     peak, background, others, _, _, _ = about
     dark, saturation = camera[2], camera[3]
     theta = _start(samples, moments, peak, background, width[0], saturation)
@@ -99,7 +99,7 @@ def _fit(
     tolerance = max(width[1], 1e-6)
     model = (dark, saturation, background, 1.0 / (noise + spread**2), math.log(width[0]), tolerance**-2)
     first, last = _span(moments, theta[0], width[2])
-    start = theta[0]
+    start, height = theta[0], theta[1]
     converged = _score(samples[first:last], moments[first:last], theta, model)
     system = np.empty((5, 4))
     row[COST] = _normal(samples[first:last], moments[first:last], theta, model, True, system)
@@ -108,6 +108,8 @@ def _fit(
     row[BACKGROUND], row[WIDTH] = theta[2], math.exp(theta[3])
     if not converged or row[VARIANCE] <= 0.0 or abs(theta[0] - start) > 1.0 + 1.5 * width[0]:
         row[STATUS] = DISTORTED
+        row[TIME], row[WIDTH], row[BACKGROUND] = start, width[0], background
+        row[AMPLITUDE], row[AMPLITUDE_VARIANCE] = height, max(background, 0.0) + height + dark
 
 
 @njit(nogil=True, cache=True)

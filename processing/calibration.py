@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from processing import bundle, geometry
+from processing import bundle, geometry, placement
 from processing.board import MIN_CORNERS, Board, BoardView, find_charuco
 from processing.errors import CalibrationError
 
@@ -109,6 +109,7 @@ def calibrate_camera(views: Sequence[BoardView], size: tuple[int, int]) -> Camer
 def calibrate_cameras(images: Mapping[str, Mapping[int, NDArray[np.generic]]], board: Board) -> dict[str, CameraModel]:
     """All cameras from their images {camera: {pose: image}} of one board in poses that they share.
 
+    Images are linear or not, grey or colour; of a mosaic give `radiometry.grey_mosaic`, which keeps its resolution.
     Pose 0 is the rig frame: the board flat on the reference plane, its centre at the origin, its right along +X, its
     top along +Y. A camera that cannot read pose 0 is placed through poses that others see too. Each camera starts
     from Zhang's method; then all cameras and board poses are refined together (see `bundle.adjust`).
@@ -156,52 +157,28 @@ def _size(name: str, shots: Mapping[int, NDArray[np.generic]]) -> tuple[int, int
 
 
 def _start(views: Mapping[str, Mapping[int, BoardView]], sizes: Mapping[str, tuple[int, int]]) -> bundle.Network:
-    """Every camera by itself with the fewest parameters, then all placed in one frame through shared poses."""
-    matrices, local = {}, {}
+    """Every camera's focal length by itself, then all poses by consensus."""
+    matrices = {}
     for name, found in views.items():
         try:
-            matrices[name], poses = _zhang(list(found.values()), sizes[name])
+            matrices[name] = _zhang(list(found.values()), sizes[name])
         except CalibrationError as error:
             raise CalibrationError(f"{name}: {error}") from error
-        local[name] = dict(zip(found, poses, strict=True))
-    camera_from_rig, rig_from_board = _place(local)
-    cameras = {n: bundle.Camera(m, np.zeros(5), camera_from_rig[n]) for n, m in matrices.items()}
-    return bundle.Network(cameras, rig_from_board)
+    return placement.place(matrices, views)
 
 
-def _zhang(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[Array, list[Array]]:
-    """Matrix and camera_from_board of every view by Zhang's method: focal length only, no distortion."""
+def _zhang(views: Sequence[BoardView], size: tuple[int, int]) -> Array:
+    """Matrix by Zhang's method: focal length only, principal point in the middle, no distortion."""
     flags = cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST
     flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
     points = [view.points_m.astype(np.float32) for view in views]
     uv_px = [view.uv_px.astype(np.float32) for view in views]
     square = np.array([[1.0, 0, (size[1] - 1) / 2], [0, 1.0, (size[0] - 1) / 2], [0, 0, 1]])
     try:
-        _, matrix, _, turns, shifts = cv2.calibrateCamera(
-            points, uv_px, (size[1], size[0]), square, np.zeros(5), flags=flags
-        )
+        _, matrix, *_ = cv2.calibrateCamera(points, uv_px, (size[1], size[0]), square, np.zeros(5), flags=flags)
     except cv2.error as error:
         raise CalibrationError(f"the views do not determine the camera: {error.err}. Tilt the board more.") from error
-    poses = [geometry.rigid_from_vectors(turn, np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
-    return np.asarray(matrix, np.float64), poses
-
-
-def _place(local: Mapping[str, Mapping[int, Array]]) -> tuple[dict[str, Array], dict[int, Array]]:
-    """camera_from_rig and rig_from_board of `local` camera_from_board, walking from pose 0 over shared poses."""
-    camera_from_rig: dict[str, Array] = {}
-    rig_from_board: dict[int, Array] = {0: np.eye(4)}
-    for _ in range(len(local)):
-        for name, poses in local.items():
-            shared = [pose for pose in poses if pose in rig_from_board]
-            if name not in camera_from_rig and shared:
-                camera_from_rig[name] = poses[shared[0]] @ geometry.invert(rig_from_board[shared[0]])
-        for name, transform in camera_from_rig.items():
-            for pose, camera_from_board in local[name].items():
-                rig_from_board.setdefault(pose, geometry.invert(transform) @ camera_from_board)
-    lost = sorted(set(local) - set(camera_from_rig))
-    if lost:
-        raise CalibrationError(f"{', '.join(lost)}: no board pose links it to pose 0, which is the rig frame.")
-    return camera_from_rig, rig_from_board
+    return np.asarray(matrix, np.float64)
 
 
 def _check_determined(name: str, matrix: Array, distortion: Array, deviation: Array) -> None:

@@ -104,6 +104,20 @@ def _filter(image: NDArray[np.floating], kernel: NDArray[np.float64]) -> NDArray
     return np.asarray(cv2.filter2D(image64, cv2.CV_64F, kernel, borderType=cv2.BORDER_CONSTANT), np.float64)
 
 
+def grey_mosaic(mosaic: NDArray[np.floating], cfa: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """A linear mosaic (h, w) of a scene without colour as a grey image: each channel scaled to the same brightness.
+
+    Unlike demosaicing it keeps every pixel's own sample, so that small markers stay legible. The scale is the 95th
+    percentile of each channel. Raises ImageError where a channel has no light.
+    """
+    _check_mosaic(mosaic, mosaic, cfa)
+    channels = cfa_channels(cfa, (mosaic.shape[0], mosaic.shape[1]))
+    level = np.array([np.nanpercentile(mosaic[channels == c], 95) for c in range(3)])
+    if not (level > 0).all():
+        raise ImageError("a mosaic without light; is the lamp on?")
+    return np.asarray(mosaic / level[channels], np.float64)
+
+
 def white_balance(
     image: NDArray[np.floating], variance: NDArray[np.floating], multipliers: NDArray[np.floating]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -21,13 +21,11 @@ def read_tags(content: bytes) -> dict[str, Any]:
         return {}
     values: dict[str, Any] = {}
     for key, tag in found.items():
-        values.setdefault(key.split(" ")[-1], _flat(getattr(tag, "values", tag)))
+        value = getattr(tag, "values", tag)
+        if isinstance(value, list):  # floating-point numbers come as tuples of one each
+            value = [item[0] if isinstance(item, tuple) else item for item in value]
+        values.setdefault(key.split(" ")[-1], value)
     return values
-
-
-def _flat(values: Any) -> Any:
-    """Floating-point values come as tuples of one each."""
-    return [v[0] if isinstance(v, tuple) else v for v in values] if isinstance(values, list) else values
 
 
 def number(tags: dict[str, Any], name: str) -> float:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
-from processing.radiometry import Sensor, cfa_channels, demosaic, srgb8, tonemap, white_balance
+from processing.radiometry import Sensor, cfa_channels, demosaic, grey_mosaic, srgb8, tonemap, white_balance
 
 quick = settings(max_examples=30, deadline=None)
 PATTERNS = [[[0, 1], [1, 2]], [[2, 1], [1, 0]], [[1, 0], [2, 1]], [[1, 2], [0, 1]]]
@@ -72,6 +72,17 @@ def test_demosaiced_variance_is_that_of_the_mean():
 def test_what_is_no_mosaic_is_refused(mosaic, cfa):
     with pytest.raises(ImageError):
         demosaic(np.zeros(mosaic), np.zeros(mosaic), np.array(cfa, np.uint8))
+
+
+@quick
+@given(patterns, st.lists(st.floats(0.1, 10), min_size=3, max_size=3))
+def test_a_grey_scene_through_coloured_filters_is_grey(cfa, filters):
+    scene = np.random.default_rng(0).uniform(1, 2, (40, 40)).round(1)
+    scene[10:30, 10:30] = 2.0  # what is brightest is as bright in all channels
+    mosaic = scene * np.array(filters)[cfa_channels(cfa, scene.shape)]
+    np.testing.assert_allclose(grey_mosaic(mosaic, cfa), scene / 2, rtol=1e-9)
+    with pytest.raises(ImageError, match="light"):
+        grey_mosaic(mosaic * 0, cfa)
 
 
 def test_white_balance_keeps_green():

@@ -85,6 +85,8 @@ class _Target:
 class GlRenderer:
     """Draws scenes with OpenGL; used by one thread at a time. Raises GlUnavailableError where there is no GL."""
 
+    affordable_supersampling = 2
+
     def __init__(self) -> None:
         self.context = open_context()
         self.name = renderer_name(self.context)

@@ -19,6 +19,7 @@ class Renderer(Protocol):
     """What turns a scene into a picture."""
 
     name: str
+    affordable_supersampling: int
 
     def draw(self, scene: Scene) -> Picture:
         """The scene as its camera sees it."""
@@ -41,14 +42,17 @@ def open_renderer() -> Renderer:
 class Preview:
     """A window of `size` (width, height) without a screen, used as a context manager, by one thread at a time.
 
-    Each pixel is the average of `supersampling` x `supersampling` samples. Without a `renderer` it opens one by
-    `open_renderer`; `renderer_name` says what draws. Raises SceneError for a window without pixels.
+    Each pixel is the average of `supersampling` x `supersampling` samples; left out, of as many as the renderer draws
+    in reasonable time. Without a `renderer` it opens one by `open_renderer`; `renderer_name` says what draws.
+    Raises SceneError for a window without pixels.
     """
 
-    def __init__(self, size: tuple[int, int], *, supersampling: int = 2, renderer: Renderer | None = None) -> None:
-        self._supersampling = supersampling
+    def __init__(
+        self, size: tuple[int, int], *, supersampling: int | None = None, renderer: Renderer | None = None
+    ) -> None:
         self.resize(size)
         self._renderer = renderer if renderer is not None else open_renderer()
+        self._supersampling = supersampling or self._renderer.affordable_supersampling
 
     @property
     def size(self) -> tuple[int, int]:

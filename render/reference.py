@@ -21,6 +21,7 @@ class ReferenceRenderer:
     """Draws scenes without any graphics library."""
 
     name = NAME
+    affordable_supersampling = 1
 
     def draw(self, scene: Scene) -> Picture:
         """The scene as its camera sees it; pixels that show nothing are 0 in radiance and coverage."""

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from http import HTTPStatus
 from pathlib import Path
 
-from fastapi import FastAPI, Request, WebSocket
+from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse
 from starlette.exceptions import HTTPException
@@ -26,20 +26,19 @@ WEB = Path(__file__).parent / "web"
 
 def create_app(config: RigConfig, sessions_folder: Path) -> FastAPI:
     """The application for one rig and one folder of sessions; what runs ends safely when the application does."""
+    app = interface()
+    app.state.host = SessionHost(config, sessions_folder)
+    app.state.jobs = Jobs()
+    return app
 
-    @asynccontextmanager
-    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        yield
-        await asyncio.to_thread(app.state.jobs.close)
-        await asyncio.to_thread(app.state.host.close)
 
+def interface() -> FastAPI:
+    """All routes and error bodies, without a rig."""
     app = FastAPI(
-        title="appearance-rig", version=versions()["appearance-rig"], lifespan=lifespan,
+        title="appearance-rig", version=versions()["appearance-rig"], lifespan=_lifespan,
         description="Capture sessions, devices and results of one rig. Errors are problem+json (RFC 9457).",
         openapi_url=f"{API}/openapi.json", docs_url=f"{API}/docs", redoc_url=None,
     )  # fmt: skip
-    app.state.host = SessionHost(config, sessions_folder)
-    app.state.jobs = Jobs()
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=LOCAL_HOSTS)  # against DNS rebinding
     for module in (devices, plans, sessions, jobs, results):
         app.include_router(module.router, prefix=API)
@@ -47,6 +46,13 @@ def create_app(config: RigConfig, sessions_folder: Path) -> FastAPI:
     app.add_api_route("/", start_page, response_class=HTMLResponse, include_in_schema=False)
     _report_problems(app)
     return app
+
+
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    yield
+    await asyncio.to_thread(app.state.jobs.close)
+    await asyncio.to_thread(app.state.host.close)
 
 
 async def start_page() -> str:
@@ -65,12 +71,12 @@ async def follow_events(socket: WebSocket, session_id: str, after: int = 0) -> N
     while True:
         for message in host.messages(session_id, after):
             await socket.send_json(message)
-            after = int(message["message"])
+            after = int(message["sequence"])
         try:
             await asyncio.wait_for(socket.receive_text(), timeout=0.1)  # also notices that the reader is gone
         except TimeoutError:
             continue
-        except (RuntimeError, KeyError):  # starlette's answer to a closed connection
+        except WebSocketDisconnect:
             return
 
 

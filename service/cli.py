@@ -19,7 +19,7 @@ from service.console import EXIT_EPILOG, ConsoleProgress, ask_operator, console,
 from service.demo import run_demo
 from service.pipeline import DEFAULT_RANK
 from service.pipeline import process as run_pipeline
-from service.simulation import Simulation
+from service.simulation import Simulation, mount_at
 
 app = typer.Typer(
     help="Drive a capture rig, turn its frames into materials, look at them. Start with: **rig demo**",
@@ -43,10 +43,16 @@ DEFAULT_RIG = Path("rig.toml")
 def rig_at_hand(rig_toml: Path, simulated: bool) -> Iterator[tuple[RigConfig, Operator]]:
     """The rig's configuration and who changes what is mounted: a person, or the simulators' control port."""
     if not simulated:
-        yield load_config(rig_toml), ask_operator
+        config = load_config(rig_toml)
+        yield config, operator_at(config)
         return
     with tempfile.TemporaryDirectory(prefix="rig-") as state, Simulation(Path(state)) as simulation:
         yield load_config(simulation.rig_toml), simulation.mount
+
+
+def operator_at(config: RigConfig) -> Operator:
+    """A person at the terminal; at simulators that somebody else started, their control port."""
+    return ask_operator if config.clock is None else mount_at(config.clock.address)
 
 
 @app.command()
@@ -102,7 +108,7 @@ def resume(
     """Take the steps of a session that are not done yet."""
     with reported_errors(), Session.open(session) as opened:
         if rig is None and not simulated:
-            report = _resume(opened, opened.config, ask_operator)
+            report = _resume(opened, opened.config, operator_at(opened.config))
         else:
             with rig_at_hand(rig or DEFAULT_RIG, simulated) as (config, operator):
                 report = _resume(opened, config, operator)

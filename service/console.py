@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 
+from rig.errors import StateError
 from rig.sessions import Event
 from service.problems import EXIT_CODES, problem_of
 
@@ -84,7 +85,11 @@ class ConsoleProgress:
 
 
 def ask_operator(instruction: Mapping[str, object]) -> None:
-    """Ask the person at the rig to change what is mounted, and wait for Enter."""
+    """Ask the person at the rig to change what is mounted, and wait for Enter.
+
+    Raises StateError where nobody can answer: to go on unasked would photograph the wrong thing.
+    """
     wish = ", ".join(f"{name} = {value}" for name, value in instruction.items())
     console.print(f"Please mount: {wish}. Press Enter when it is done (Ctrl-C leaves the session resumable).")
-    sys.stdin.readline()
+    if not sys.stdin.readline():
+        raise StateError(f"nobody answers at the terminal, and somebody has to mount: {wish}. Nothing was taken of it.")

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from rig.errors import BusyError, StateError, StoreError
 from rig.sessions import Action, Plan, Session, State, allowed
 
 CLOSE_TIMEOUT_S = 30.0
+ENDED = (State.FINISHED, State.ABORTED, State.FAILED, State.INTERRUPTED)
 
 
 @dataclass
@@ -77,15 +79,14 @@ class SessionHost:
             return session.state
 
     def messages(self, session_id: str, after: int) -> list[dict[str, Any]]:
-        """What was told since message number `after`, in order; they count from 1 as long as the service lives."""
+        """What was told since sequence number `after`, in order; they count from 1 as long as the service lives."""
         run = self._runs.get(session_id)
         return [] if run is None else run.messages[after:]
 
     def close(self) -> None:
         """End the running worker safely: it stops at the next step and leaves the rig dark and still."""
         for run in self._runs.values():
-            if run.process.stdin is not None:
-                run.process.stdin.close()
+            _close_input(run)
             try:
                 run.process.wait(CLOSE_TIMEOUT_S)
             except subprocess.TimeoutExpired:
@@ -97,6 +98,9 @@ class SessionHost:
         return next((key for key, run in self._runs.items() if run.process.poll() is None), None)
 
     def _check_idle(self) -> None:
+        for run in self._runs.values():
+            if run.state in ENDED:  # it has told its end and is closing the rig
+                run.process.wait(CLOSE_TIMEOUT_S)
         if (busy := self.running()) is not None:
             raise BusyError(f"session {busy} is {self._runs[busy].state}; stop it first, or wait until it is finished.")
 
@@ -126,9 +130,10 @@ class SessionHost:
                 message = json.loads(line)
                 if message.get("state") is not None:
                     run.state = State(message["state"])
-                run.messages.append({"message": len(run.messages) + 1, **message})
+                run.messages.append({"sequence": len(run.messages) + 1, **message})
         code = run.process.wait()
-        run.messages.append({"message": len(run.messages) + 1, "kind": "end", "exit_code": code})
+        _close_input(run)
+        run.messages.append({"sequence": len(run.messages) + 1, "kind": "end", "exit_code": code})
 
     def _tell(self, session_id: str, action: str) -> None:
         run = self._runs.get(session_id)
@@ -136,3 +141,9 @@ class SessionHost:
             raise StateError(f"session {session_id} has no running worker; start it again.")
         run.process.stdin.write(action + "\n")
         run.process.stdin.flush()
+
+
+def _close_input(run: Run) -> None:
+    assert run.process.stdin is not None
+    with suppress(BrokenPipeError):  # an action that the worker did not live to read
+        run.process.stdin.close()

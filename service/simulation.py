@@ -6,7 +6,8 @@ import socket
 import subprocess
 import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -107,3 +108,13 @@ class ControlPort:
         """Close the connection."""
         self._lines.close()
         self._socket.close()
+
+
+def mount_at(address: str) -> Callable[[Mapping[str, object]], None]:
+    """An operator of simulators that run elsewhere: connects to their control port each time it is asked."""
+
+    def mount(instruction: Mapping[str, object]) -> None:
+        with closing(ControlPort(address)) as control:
+            control.mount(instruction)
+
+    return mount

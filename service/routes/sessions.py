@@ -40,7 +40,7 @@ def read_session(session_id: str, host: Host) -> dict[str, Any]:
         }  # fmt: skip
 
 
-@router.post("/{session_id}/{action}", status_code=202)
+@router.post("/{session_id}/actions/{action}", status_code=202)
 def act(session_id: str, action: OperatorAction, host: Host) -> dict[str, Any]:
     """Pause, resume, stop, abort, acknowledge or start again. 409 names the state and what is allowed in it."""
     host.open(session_id).close()

@@ -1,0 +1,57 @@
+"""A service on a simulated rig, driven as a program would drive it."""
+
+import time
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+
+from rig.config import load_config
+from service.app import create_app
+
+PLANS = Path(__file__).parents[2] / "docs" / "plans"
+API = "/api/v1"
+ROOT_OPENAPI = Path(__file__).parents[2] / "service" / "openapi.json"
+SMALL_BTF = {
+    "kind": "btf",
+    "turntable_deg": [0, 90],
+    "light_azimuth_deg": [45, 135],
+    "lamps": ["lamp4"],
+    "cameras": ["cam4", "cam6"],
+    "exposures_s": [0.02],
+    "texels": 8,
+}
+CALIBRATE = tomllib.loads((PLANS / "calibrate.toml").read_text())
+
+
+@pytest.fixture
+def client(simulated_rig, tmp_path) -> Iterator[TestClient]:
+    with TestClient(create_app(load_config(simulated_rig.toml), tmp_path / "sessions")) as client:
+        yield client
+
+
+@pytest.fixture
+def wait_for(client) -> Callable[..., dict]:
+    def wait(session: str, *states: str, timeout_s: float = 60.0) -> dict:
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            found = client.get(f"{API}/sessions/{session}").json()
+            if found["state"] in states:
+                return found
+            time.sleep(0.05)
+        raise AssertionError(f"{session} is {found['state']}, not {states}")
+
+    return wait
+
+
+def start(client: TestClient, plan: dict) -> str:
+    reply = client.post(f"{API}/sessions", json=plan)
+    assert reply.status_code == 201, reply.text
+    return reply.headers["location"].rsplit("/", 1)[1]
+
+
+@pytest.fixture
+def start_session(client) -> Callable[[dict], str]:
+    return lambda plan: start(client, plan)

@@ -1,0 +1,184 @@
+"""The REST service over the real rig layer and real simulators."""
+
+import io
+import json
+import time
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+from PIL import Image
+
+from rig.config import load_config
+from service.app import create_app
+from tests.service.conftest import API, CALIBRATE, ROOT_OPENAPI, SMALL_BTF
+
+
+def problem(reply, status, code):
+    assert reply.status_code == status, reply.text
+    assert reply.headers["content-type"] == "application/problem+json"
+    body = reply.json()
+    assert (body["status"], body["code"]) == (status, code)
+    assert body["detail"]
+    return body["detail"]
+
+
+def test_devices_are_those_of_the_rig(client):
+    devices = client.get(f"{API}/devices").json()
+    assert set(devices["axes"]) == {"arm", "light_arc", "turntable"}
+    assert devices["held_by"] is None
+
+
+def test_an_axis_goes_where_it_is_sent_and_says_so(client, simulated_rig):
+    moved = client.post(f"{API}/devices/axes/turntable/moves", json={"angle_deg": 12.5}).json()
+    assert moved["angle_deg"] == pytest.approx(12.5, abs=0.01)
+    assert simulated_rig.control("status")["axes"]["turntable"]["deg"] == pytest.approx(12.5, abs=0.05)
+
+
+def test_unknown_devices_and_angles_out_of_range_move_nothing(client, simulated_rig):
+    before = simulated_rig.control("status")["axes"]
+    assert "turntable" in problem(client.get(f"{API}/devices/axes/tilt"), 404, "unknown-device")
+    reply = client.post(f"{API}/devices/axes/turntable/moves", json={"angle_deg": 500})
+    assert "-200 to 200" in problem(reply, 422, "out-of-range")
+    reply = client.post(f"{API}/devices/axes/light_arc/moves", json={"angle_deg": 0})
+    problem(reply, 422, "interlock")
+    problem(client.post(f"{API}/devices/axes/turntable/moves", json={"angle": 5}), 422, "malformed-request")
+    assert simulated_rig.control("status")["axes"] == before
+
+
+def test_a_plan_is_checked_and_forecast_without_a_session(client):
+    found = client.post(f"{API}/plans/validate?steps=true", json=SMALL_BTF).json()
+    assert found["steps"] == len(found["dry_run"]) == 4
+    assert found["forecast"]["frames"] == 8
+    assert found["forecast"]["time_s"] > found["forecast"]["lower_bound_s"] > 0
+    assert client.get(f"{API}/sessions").json() == []
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "code", "named"),
+    [
+        ({"lamps": ["sun"]}, 404, "unknown-device", "sun"),
+        ({"light_azimuth_deg": [0], "turntable_deg": [0]}, 422, "impossible-plan", "light_arc"),  # before the cameras
+        ({"texel": 8}, 422, "impossible-plan", "texel"),
+        ({"exposures_s": []}, 422, "impossible-plan", "exposures_s"),
+        ({"kind": "video"}, 422, "impossible-plan", "kind"),
+    ],
+)
+def test_an_impossible_plan_never_becomes_a_session(client, change, status, code, named):
+    for path in ("plans/validate", "sessions"):
+        assert named in problem(client.post(f"{API}/{path}", json=SMALL_BTF | change), status, code)
+    assert client.get(f"{API}/sessions").json() == []
+
+
+def test_a_session_runs_to_its_end_and_tells_it_live(client, start_session, wait_for):
+    session = start_session(CALIBRATE)
+    with client.websocket_connect(f"{API}/sessions/{session}/events") as socket:
+        told = [socket.receive_json()]
+        while told[-1]["kind"] != "end":
+            told.append(socket.receive_json())
+    assert told[-1]["exit_code"] == 0
+    assert sum(message["kind"] == "done" for message in told) == 8
+    assert any(message.get("eta_s") for message in told)
+    assert wait_for(session, "finished")["allowed"] == []
+
+    with client.websocket_connect(f"{API}/sessions/{session}/events?after={len(told) - 2}") as socket:
+        assert [socket.receive_json(), socket.receive_json()] == told[-2:]
+
+    frames = client.get(f"{API}/sessions/{session}/frames").json()
+    assert len(frames) == 8 * len(CALIBRATE["cameras"])
+    picture = client.get(f"{API}/sessions/{session}/frames/{frames[0]['step']}/{frames[0]['camera']}.png")
+    assert np.asarray(Image.open(io.BytesIO(picture.content))).std() > 10
+    problem(client.get(f"{API}/sessions/{session}/frames/none/cam1.png"), 422, "missing-frame")
+
+
+def test_pause_holds_the_rig_dark_and_resume_goes_on(client, start_session, wait_for, simulated_rig):
+    session = start_session(SMALL_BTF)
+    wait_for(session, "running")
+    assert client.post(f"{API}/sessions/{session}/actions/pause").status_code == 202
+    wait_for(session, "paused")
+    assert simulated_rig.control("status")["lamps"] == {}
+    detail = problem(client.post(f"{API}/sessions/{session}/actions/pause"), 409, "wrong-state")
+    assert "resume" in detail
+    problem(client.post(f"{API}/sessions", json=SMALL_BTF), 409, "busy")
+    problem(client.get(f"{API}/devices/axes/turntable"), 409, "busy")
+    assert client.post(f"{API}/sessions/{session}/actions/resume").status_code == 202
+    assert wait_for(session, "finished")["done"] == 4
+
+
+@pytest.mark.parametrize(("action", "state"), [("stop", "interrupted"), ("abort", "aborted")])
+def test_a_session_that_was_ended_is_dark_and_can_be_taken_up_again(
+    client, start_session, wait_for, simulated_rig, action, state
+):
+    session = start_session(SMALL_BTF)
+    wait_for(session, "running")
+    assert client.post(f"{API}/sessions/{session}/actions/{action}").status_code == 202
+    ended = wait_for(session, state, "finished")
+    status = simulated_rig.control("status")
+    assert status["lamps"] == {}
+    assert not any(axis["moving"] for axis in status["axes"].values())
+    if ended["state"] == state:
+        assert client.post(f"{API}/sessions/{session}/actions/start").status_code == 202
+    assert wait_for(session, "finished")["done"] == 4
+
+
+def test_a_service_that_ends_leaves_a_safe_rig_and_a_resumable_session(simulated_rig, tmp_path):
+    app = create_app(load_config(simulated_rig.toml), tmp_path / "sessions")
+    with TestClient(app) as client:
+        session = client.post(f"{API}/sessions", json=SMALL_BTF).json()["id"]
+        while client.get(f"{API}/sessions/{session}").json()["state"] != "running":
+            time.sleep(0.02)
+    assert simulated_rig.control("status")["lamps"] == {}
+    with TestClient(create_app(load_config(simulated_rig.toml), tmp_path / "sessions")) as client:
+        found = client.get(f"{API}/sessions/{session}").json()
+        assert found["state"] in ("interrupted", "finished")
+
+
+def test_a_session_is_processed_as_a_job_and_its_files_are_served(client, start_session, wait_for):
+    session = start_session(CALIBRATE)
+    wait_for(session, "finished")
+    job = client.post(f"{API}/sessions/{session}/process", json={})
+    assert job.status_code == 201
+    deadline = time.monotonic() + 60
+    while (read := client.get(job.headers["location"]).json())["state"] in ("waiting", "running"):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert read["state"] == "finished", read
+    assert "calibration/cameras.json" in client.get(f"{API}/sessions/{session}/products").json()
+    cameras = client.get(f"{API}/sessions/{session}/products/calibration/cameras.json").json()
+    assert set(cameras["cameras"]) == set(CALIBRATE["cameras"])
+    problem(client.get(f"{API}/sessions/{session}/products/nothing.png"), 404, "not-found")
+    outside = client.get(f"{API}/sessions/{session}/products/%2e%2e/session.json")
+    problem(outside, 404, "not-found")
+
+
+def test_a_job_without_its_calibration_fails_with_its_problem(client, start_session, wait_for):
+    session = start_session(SMALL_BTF)
+    wait_for(session, "finished")
+    job = client.post(f"{API}/sessions/{session}/process", json={}).headers["location"]
+    while (read := client.get(job).json())["state"] in ("waiting", "running"):
+        time.sleep(0.05)
+    assert read["state"] == "failed"
+    assert read["problem"]["code"] == "cannot-calibrate"
+
+
+def test_unknown_sessions_and_actions_are_refused(client):
+    problem(client.get(f"{API}/sessions/none"), 422, "session-unreadable")
+    problem(client.post(f"{API}/sessions/none/actions/stop"), 422, "session-unreadable")
+    problem(client.post(f"{API}/sessions/none/actions/dance"), 422, "malformed-request")
+    problem(client.get("/nowhere"), 404, "not-found")
+
+
+def test_other_hosts_are_refused(client):
+    """A page of another site whose name was pointed at this machine must not reach the rig."""
+    assert client.get(f"{API}/devices", headers={"host": "rig.example"}).status_code == 400
+
+
+def test_the_start_page_uses_only_what_the_interface_offers(client):
+    page = client.get("/").text
+    assert "WebSocket" in page
+    assert "/api/v1/plans/schema" in page
+
+
+def test_the_interface_is_the_one_that_is_checked_in(client):
+    """A change of the REST interface shows in the diff: regenerate with `python -m service.openapi`."""
+    assert client.get(f"{API}/openapi.json").json() == json.loads(ROOT_OPENAPI.read_text())

@@ -54,7 +54,7 @@ class LobeSamples:
         valid = np.isfinite(self.value) & lit[:, None]
         if self.variance is None:
             return valid.astype(np.float64)
-        valid &= np.isfinite(self.variance) & (self.variance > 0)
+        valid &= self.variance > 0  # an infinite one leaves a weight of 0
         smallest = np.min(self.variance, where=valid, initial=np.inf)
         return np.where(valid, smallest / np.where(valid, self.variance, 1.0), 0.0)
 

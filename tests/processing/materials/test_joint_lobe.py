@@ -38,7 +38,7 @@ def reconstruction_error(maps, lobe, clean):
 
 
 def test_lobe_and_residual_are_recovered_to_the_noise_bound(rng, arm_directions):
-    """Two unknowns per texel and channel and the seven of the lobe, from N samples: the mean square is (2 T + 7) / N."""
+    """Two unknowns per texel and channel and seven of the lobe, from N samples: the mean square is (2 T + 7) / N."""
     maps, clean = exact_material(rng, arm_directions)
     error = reconstruction_error(maps, fit_phong_beside_residual(sphere_measurements(maps)).phong, clean)
     bound = NOISE * np.sqrt((2 * SIZE**2 * 3 + 7) / error.size)

@@ -17,6 +17,7 @@ from processing.products import (
     Srf,
     StoredBtf,
     bilinear_taps,
+    half_vectors,
     unpack8,
 )
 
@@ -31,6 +32,15 @@ def test_lobe_is_the_sum_of_its_two_terms():
     assert (LOBE.evaluate(low, up) == 0).all()
     slanted = np.array([[0.6, 0.0, 0.8]])
     np.testing.assert_allclose(LOBE.evaluate(slanted, up)[0], 0.8 * LOBE.diffuse + 0.9**6 * LOBE.specular)
+
+
+@given(st.floats(0, 3.1), st.floats(0, 6.3))
+def test_half_vector_halves_the_angle_however_wide(apart, azimuth):
+    light = np.array([[np.sin(apart) * np.cos(azimuth), np.sin(apart) * np.sin(azimuth), np.cos(apart)]])
+    view = np.array([[0.0, 0.0, 1.0]])
+    half = half_vectors(light, view)
+    np.testing.assert_allclose(np.linalg.norm(half), 1, atol=1e-9)
+    np.testing.assert_allclose([half[0] @ light[0], half[0, 2]], np.cos(apart / 2), atol=1e-9)
 
 
 def test_lobe_has_no_hole_where_light_and_view_are_opposite():

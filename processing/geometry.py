@@ -8,6 +8,7 @@ camera_from_board`. Points are rows. The camera frame is OpenCV's: x right, y do
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-12)
@@ -28,7 +29,8 @@ def rigid_from_vectors(rotation_rad: ArrayLike, translation_m: ArrayLike) -> Arr
 
 def rotation_vector(transform: Array) -> Array:
     """Rotation vector (3,) of a rigid transform (4, 4)."""
-    return np.asarray(cv2.Rodrigues(np.ascontiguousarray(transform[:3, :3]))[0], np.float64).reshape(3)
+    # Not OpenCV's Rodrigues: it takes turns under 1e-5 rad for none.
+    return np.asarray(Rotation.from_matrix(transform[:3, :3]).as_rotvec(), np.float64)
 
 
 def rotation_z(angle_rad: float) -> Array:

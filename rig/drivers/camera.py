@@ -1,6 +1,7 @@
 """PTP cameras: seconds above, ticks of 0.1 ms below. Every frame is checked to be of this camera and this exposure."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from rig.config import CameraConfig
@@ -57,7 +58,8 @@ class PtpCamera:
         self._can_terminate = False
         self._foreign: frozenset[int] = frozenset()  # objects that were on the card before us
         self._exposure: _Exposure | None = None
-        self._littered = False
+        self._littered = False  # frames of ours may be on the card that nobody waits for
+        self._stray = False
 
     @property
     def name(self) -> str:
@@ -97,6 +99,7 @@ class PtpCamera:
             self._set(Property.BURST_NUMBER, frames)
             self._set(Property.BURST_INTERVAL, interval_ms)
         self._connection.events()
+        self._littered = True
         self._patiently(Operation.INITIATE_CAPTURE, 0, 0)
         taken_s, transaction = self._clock.now_s(), self._connection.last_transaction
         self._exposure = _Exposure(ticks, frames, interval_ms / _MS_PER_S, taken_s, transaction)
@@ -110,19 +113,20 @@ class PtpCamera:
         exposure, self._exposure = self._exposure, None
         if exposure is None:
             raise StateError(f"{self._name}: nothing was exposed; there is nothing to fetch.")
-        self._littered = True
+        self._stray = False
         handles = self._await_objects(exposure)
         frames = [self._download(handle, index, exposure) for index, handle in enumerate(handles)]
-        self._littered = False
+        self._littered = self._stray
         return frames
 
     def abort(self) -> None:
         """Drop what is under way; frames that were exposed already are deleted before the next exposure."""
         if self._exposure is None:
             return
-        self._exposure, self._littered = None, True
+        self._exposure = None
         if self._connection.is_open and self._can_terminate:
-            self._connection.transact(Operation.TERMINATE_OPEN_CAPTURE, 0)
+            with suppress(ResponseError):  # nothing is open: the exposures ended by themselves
+                self._connection.transact(Operation.TERMINATE_OPEN_CAPTURE, 0)
 
     def transfer_time_s(self, frames: int) -> float:
         """Forecast of the download."""
@@ -198,6 +202,8 @@ class PtpCamera:
         for event in self._connection.events():
             if event.transaction in (exposure.transaction, *_NO_TRANSACTION):
                 yield event.code, event.parameters[:1]
+            else:
+                self._stray = True  # of an exposure whose start went unconfirmed
 
     def _from_card(self, exposure: _Exposure) -> list[int]:
         handles = sorted(set(self._objects()) - self._foreign)

@@ -69,7 +69,8 @@ class EnttecLamps:
                 raise LimitError(f"lamp {name}: level {level:g} is outside 0 to 1; nothing was lit.")
 
     def _send(self, universe: bytes) -> None:
-        serial = self._ask_serial(dmx.encode(dmx.output(universe)))
+        # Twice: nothing tells a message that the widget lost, and the same levels do no harm.
+        serial = self._ask_serial(2 * dmx.encode(dmx.output(universe)))
         if self._serial is not None and serial != self._serial:
             raise ReplyError(
                 f"lamps: widget {serial} answers where {self._serial} was: the cable is in another port. "

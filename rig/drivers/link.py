@@ -82,9 +82,11 @@ class Link(Generic[FrameT]):
         self._queue: deque[FrameT] = deque()
 
     def open(self) -> None:
-        """Open the wire. Raises ConnectError."""
+        """Open the wire; what came over it before is forgotten. Raises ConnectError."""
         with self._lock:
             self._transport.open()
+            self._reader.clear()
+            self._queue.clear()
 
     @property
     def is_open(self) -> bool:
@@ -102,7 +104,7 @@ class Link(Generic[FrameT]):
         """
         with self._lock:
             if not self._transport.is_open:
-                self._transport.open()
+                self.open()
             for _ in range(attempts - 1):
                 with suppress(ReadTimeoutError, FrameError):
                     return self._exchange(data, accept, what, timeout_s)
@@ -174,7 +176,9 @@ class Link(Generic[FrameT]):
                 self._queue.extend(self._reader.feed(data))
             except FrameError as error:
                 self._transport.close()
-                raise TransportError(f"{self.device}: {error}. The connection was closed; is opened anew.") from error
+                raise TransportError(
+                    f"{self.device}: {error}. The connection was closed; the next use opens it anew."
+                ) from error
         return bool(data)
 
     def _no_answer(self, what: str, timeout_s: float, *, rubbish: bool) -> ReadTimeoutError | FrameError:

@@ -1,5 +1,7 @@
 """A PTP session over PTP/IP: transactions on the command connection, events on the other."""
 
+from collections.abc import Callable
+
 from rig.drivers.clock import RigClock
 from rig.drivers.link import Link
 from rig.drivers.transport import SocketTransport
@@ -24,6 +26,7 @@ _NAME = "appearance rig"
 _SESSION = 1
 _INIT_TIMEOUT_S = 5.0
 _REPLY_TIMEOUT_S = 10.0
+_QUIET_S = 3.0  # within a packet
 
 
 class ResponseError(ReplyError):
@@ -67,12 +70,13 @@ class PtpConnection:
             raise
 
     def transact(
-        self, operation: Operation, *parameters: int, data: bytes | None = None, timeout_s: float = _REPLY_TIMEOUT_S
+        self, operation: Operation, *parameters: int, data: bytes | None = None, timeout_s: float | None = None
     ) -> bytes:
         """Carry out one operation; returns what its data phase brought.
 
         `data` goes out where given. Packets of other transactions are dropped, so that a late answer is never taken for
-        this one's. Raises ResponseError where the camera refuses, ReadTimeoutError where it stays silent.
+        this one's. Raises ResponseError where the camera refuses, ReadTimeoutError where it stays silent; FrameError
+        where its answer was cut: then the connection is closed, because what follows cannot be told from the rest.
         """
         transaction = self._transaction
         self._transaction += 1
@@ -81,7 +85,7 @@ class PtpConnection:
         if data is not None:
             wire += ptp_ip.encode(StartData(transaction, len(data))) + ptp_ip.encode(EndData(transaction, data))
         self._commands.send(wire)
-        return self._collect(operation, transaction, timeout_s)
+        return self._collect(operation, transaction, _REPLY_TIMEOUT_S if timeout_s is None else timeout_s)
 
     def events(self) -> list[EventPacket]:
         """The events that have come by now; probes are answered."""
@@ -114,7 +118,7 @@ class PtpConnection:
             )
 
         while True:
-            match self._commands.receive(belongs, what=operation.name, timeout_s=timeout_s):
+            match self._receive(belongs, operation, timeout_s):
                 case StartData(_, length):
                     announced, parts = length, []
                 case Data(_, payload) | EndData(_, payload):
@@ -126,6 +130,13 @@ class PtpConnection:
                     if len(data) != (announced or 0):
                         raise FrameError(f"{self._camera}: {operation.name} brought {len(data)} of {announced} bytes.")
                     return data
+
+    def _receive(self, belongs: Callable[[Packet], bool], operation: Operation, timeout_s: float) -> Packet:
+        try:
+            return self._commands.receive(belongs, what=operation.name, timeout_s=timeout_s)
+        except FrameError:
+            self.close()
+            raise
 
     def _open_session(self) -> None:
         try:
@@ -159,4 +170,4 @@ class PtpConnection:
 
 
 def _link(camera: str, address: str, clock: RigClock) -> Link[Packet]:
-    return Link(camera, SocketTransport(camera, address), ptp_ip.PacketReader(), clock, quiet_s=_REPLY_TIMEOUT_S)
+    return Link(camera, SocketTransport(camera, address), ptp_ip.PacketReader(), clock, quiet_s=_QUIET_S)

@@ -15,6 +15,7 @@ def short_timeouts(monkeypatch):
     monkeypatch.setattr(lamps, "_REPLY_TIMEOUT_S", 0.15)
     monkeypatch.setattr(laser_unit, "_REPLY_TIMEOUT_S", 0.15)
     monkeypatch.setattr(ptp_connection, "_REPLY_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(ptp_connection, "_QUIET_S", 0.1)
     monkeypatch.setattr(ptp_connection, "_INIT_TIMEOUT_S", 0.3)
     monkeypatch.setattr(camera, "_DOWNLOAD_TIMEOUT_S", 0.3)
 

@@ -82,6 +82,13 @@ def test_an_unknown_lamp_lists_the_known_ones(lamps, widget):
     assert widget.universe == bytes(25)
 
 
+def test_levels_are_sent_twice_because_nothing_tells_a_message_that_got_lost(lamps, wire):
+    lamps.light({"lamp0": 1.0})
+    first, second, question = wire.requests[-3:]
+    assert first == second
+    assert question[1] == 10
+
+
 def test_levels_count_as_taken_only_once_the_widget_has_answered(lamps, widget):
     """It works in order, so silence behind the levels leaves it open whether it took them."""
     widget.faults = 3 * [b""]
@@ -92,7 +99,7 @@ def test_levels_count_as_taken_only_once_the_widget_has_answered(lamps, widget):
 def test_a_lost_answer_makes_the_levels_travel_again(lamps, wire, widget):
     widget.faults = [b""]
     lamps.light({"lamp0": 1.0})
-    assert sum(request[1] == 6 for request in wire.requests[-4:]) == 2
+    assert [request[1] for request in wire.requests[-6:]] == 2 * [6, 6, 10]
     assert widget.universe[1] == 255
 
 

@@ -20,12 +20,12 @@ from rig.sessions.planner import Schedule, Skip, expand, schedule
 from rig.sessions.progress import Event
 from rig.sessions.runner import Operator, Runner, RunReport
 from rig.sessions.session import FrameRecord, Session
-from rig.sessions.states import TRANSITIONS, Action, State, allowed
+from rig.sessions.states import ACTIVE, TRANSITIONS, Action, State, allowed
 from rig.sessions.step import Step, describe
 
 __all__ = [
-    "TRANSITIONS", "Action", "BtfPlan", "CalibratePlan", "Card", "Event", "Forecast", "FrameRecord", "JournalEvent",
-    "MdfPlan", "Operator", "Plan", "RunReport", "Runner", "Schedule", "Session", "Skip", "SrfPlan", "State", "Step",
-    "allowed", "describe", "expand", "forecast", "hold_rig", "load_plan", "parse_plan", "plan_data", "plan_schema",
-    "plan_sha256", "schedule",
+    "ACTIVE", "TRANSITIONS", "Action", "BtfPlan", "CalibratePlan", "Card", "Event", "Forecast", "FrameRecord",
+    "JournalEvent", "MdfPlan", "Operator", "Plan", "RunReport", "Runner", "Schedule", "Session", "Skip", "SrfPlan",
+    "State", "Step", "allowed", "describe", "expand", "forecast", "hold_rig", "load_plan", "parse_plan", "plan_data",
+    "plan_schema", "plan_sha256", "schedule",
 ]  # fmt: skip

@@ -67,7 +67,7 @@ class FrameChecks:
         if not step.sweep:
             return Shot(camera, exposure_s, taken_s, transferred, frames[0].data, None, {}), warnings
         attributes = {
-            "exposure_s": exposure_s, "interval_s": step.interval_s, "serial": frames[0].serial, "taken_s": taken_s,
+            "exposure_s": exposure_s, "interval_s": _interval_s(frames), "serial": frames[0].serial, "taken_s": taken_s,
             "black_dn": mosaics[0].black_dn, "white_dn": mosaics[0].white_dn,
             "cfa": [list(row) for row in mosaics[0].cfa], "noise_profile": list(profile) if profile else None,
         }  # fmt: skip
@@ -118,6 +118,11 @@ class FrameChecks:
         if saturated > MOSTLY:
             warnings.append(f"{camera}: {saturated:.0%} of the frame is saturated.")
         return warnings
+
+
+def _interval_s(frames: Sequence[RawFrame]) -> float:
+    """Between two frames of a burst as the camera took it, which may differ a little from what was asked for."""
+    return (frames[-1].taken_s - frames[0].taken_s) / max(len(frames) - 1, 1)
 
 
 def _light(step: Step) -> object:

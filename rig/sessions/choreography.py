@@ -96,16 +96,17 @@ class Choreography:
             self._rig.cameras[name].expose(step.exposure_s, frames=step.frames, interval_s=step.interval_s)
 
     def see_out(self, step: Step, next_step: Step | None) -> None:
-        """Wait until the shutters are closed where something is to change then: the laser's sweep ends, axes leave.
+        """Let the exposures pass, and then what is to change does: the laser's sweep ends, axes leave.
 
-        Where the download takes less time than the shutters' lag, and for frames of the same pose and light, waiting
-        would cost more than it saves; `fetch` ends these exposures.
+        Only then the shutters' lag is waited for. Where the download takes less time than that lag, axes stay until it
+        is over, because waiting would cost more than it saves.
         """
+        self._sleep(step.duration_s)
         leaves = next_step is not None and next_step.pose != step.pose
         download_s = max(self._rig.cameras[name].transfer_time_s(step.frames) for name in step.cameras)
         if not step.sweep and not (leaves and download_s > SHUTTER_LAG_S):
             return
-        self._sleep(step.duration_s + SHUTTER_LAG_S)
+        self._sleep(SHUTTER_LAG_S)
         if step.sweep:
             self._laser().stop()
         if next_step is not None and leaves:

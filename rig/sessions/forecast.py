@@ -42,16 +42,17 @@ def forecast(steps: Sequence[Step], config: RigConfig) -> Forecast:
     """Forecast of these steps in this order, from the reference position."""
     poses = [reference_rad(config), *(step.axes_rad for step in steps)]
     efforts = [effort(step, here, config) for here, step in zip(poses, steps, strict=False)]
-    changes = [True, *(_light(a) != _light(b) for a, b in pairwise(steps))]
+    lights = [None, *((step.lamps, step.sweep) for step in steps)]
+    mounts = [None, *(step.mount for step in steps)]
     step_s = tuple(
-        part.motion_s + part.exposure_s + sum(part.transfer_s.values()) + LAMP_SETTLE_S * change
-        for part, change in zip(efforts, changes, strict=True)
+        part.motion_s + part.exposure_s + sum(part.transfer_s.values()) + LAMP_SETTLE_S * (before != now)
+        for part, (before, now) in zip(efforts, pairwise(lights), strict=True)
     )
     megabytes = sum(step.frames * config.cameras[name].frame_megabytes for step in steps for name in step.cameras)
     return Forecast(
         steps=len(steps),
         frames=sum(step.frames * len(step.cameras) for step in steps),
-        mounts=sum(a.mount != b.mount for a, b in pairwise(steps)) + 1,
+        mounts=sum(before != now for before, now in pairwise(mounts)),
         bytes=round(megabytes * _MEGABYTE),
         time_s=sum(step_s),
         lower_bound_s=lower_bound_s(efforts),
@@ -110,7 +111,3 @@ def _move_s(axis: AxisConfig, distance_deg: float) -> float:
     if distance_deg < ramps_deg:
         return 2 * sqrt(distance_deg / axis.acceleration_deg_s2) + axis.settle_s
     return distance_deg / axis.speed_deg_s + axis.speed_deg_s / axis.acceleration_deg_s2 + axis.settle_s
-
-
-def _light(step: Step) -> tuple[tuple[str, ...], bool]:
-    return step.lamps, step.sweep

@@ -6,6 +6,7 @@ how a session resumes.
 """
 
 import json
+import shutil
 import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ from typing import Any
 from rig.errors import DiskFullError, StoreError
 from rig.sessions.step import Step, read_step, step_data
 
+_PAGES_BYTES = 65_536  # what the log grows by in one transaction, and then some
 _SCHEMA = """
 CREATE TABLE steps (id TEXT PRIMARY KEY, ordinal INTEGER NOT NULL UNIQUE, content TEXT NOT NULL,
                     state TEXT NOT NULL DEFAULT 'open', attempts INTEGER NOT NULL DEFAULT 0);
@@ -207,11 +209,17 @@ class Journal:
         try:
             yield
         except sqlite3.Error as error:
-            if getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
+            if self._is_full(error):
                 raise DiskFullError(
                     f"{self._path}: the disk is full; the step stays open. Make room and resume."
                 ) from error
             raise StoreError(f"{self._path}: not a readable journal: {error}.") from error
+
+    def _is_full(self, error: sqlite3.Error) -> bool:
+        """SQLite tells a full disk as such, or as an I/O error where its shared memory or its log cannot grow."""
+        kind = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        no_room = shutil.disk_usage(self._path.parent).free < _PAGES_BYTES
+        return kind == sqlite3.SQLITE_FULL or (kind == sqlite3.SQLITE_IOERR and no_room)
 
 
 def _put(db: sqlite3.Connection, key: str, value: str) -> None:

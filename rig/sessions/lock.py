@@ -5,7 +5,7 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rig.config import RigConfig
@@ -29,8 +29,9 @@ def hold(path: Path, what: str) -> Iterator[None]:
         if not _locked(handle, fcntl.LOCK_EX):
             holder = os.pread(handle, 20, 0).decode(errors="replace") or "unknown"
             raise BusyError(f"{what} is in use by process {holder}. Wait for it to end, or stop it.")
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, str(os.getpid()).encode(), 0)
+        with suppress(OSError):  # a full disk: the number is for the message only
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, str(os.getpid()).encode(), 0)
         yield
     finally:
         os.close(handle)

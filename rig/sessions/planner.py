@@ -59,7 +59,7 @@ def schedule(plan: Plan, config: RigConfig) -> Schedule:
             steps = list(_mdf(plan, layout))
         case CalibratePlan():
             steps = list(_calibrate(plan, layout))
-    skipped = tuple(dict.fromkeys(layout.skipped))
+    skipped = tuple(sorted(set(layout.skipped), key=lambda skip: (skip.what, skip.reason)))
     _check_identity(steps, skipped)
     return Schedule(ordered(steps, config), skipped)
 

@@ -17,7 +17,7 @@ from rig.errors import LimitError, StateError
 from tests.reference.dng import dng
 
 SIZE = (24, 32)
-BLACK, WHITE = 256, 4095
+BLACK, WHITE, READ_NOISE = 256, 4095, 2.0
 
 
 def config(**changes) -> RigConfig:
@@ -158,31 +158,31 @@ class FakeCamera:
         self.world.command(f"expose {self.name}")
         if self.world.moving(self.axes):
             self.world.offences.append(f"{self.name} exposed while {self.world.moving(self.axes)} moved")
-        self.pending = (exposure_s, frames, interval_s, self.world.time_s)
+        lit = [name for name in self.world.lamps if name not in self.world.dead_lamps]
+        angles = tuple(round(degrees(axis.target_rad), 3) for axis in self.axes)
+        self.world.exposures += [(self.name, angles, tuple(lit), exposure_s, index) for index in range(frames)]
+        self.pending = (exposure_s, frames, interval_s, self.world.time_s, bool(lit) or self.world.laser_on)
 
     def fetch(self):
         self.world.command(f"fetch {self.name}")
-        exposure_s, count, interval_s, start_s = self.pending
+        exposure_s, count, interval_s, start_s, lit = self.pending
         self.pending = None
         end_s = start_s + (count - 1) * interval_s + exposure_s
         self.world.time_s = max(self.world.time_s, end_s) + self.transfer_time_s(count)
-        lit = [name for name in self.world.lamps if name not in self.world.dead_lamps]
-        frames = [self._frame(index, exposure_s, interval_s, start_s, lit, count) for index in range(count)]
+        frames = [self._frame(index, exposure_s, start_s + index * interval_s, lit) for index in range(count)]
         for spoil in self.spoil[:1]:
             frames = spoil(frames)
         self.spoil = self.spoil[1:]
         return frames
 
-    def _frame(self, index, exposure_s, interval_s, start_s, lit, count):
-        angles = tuple(round(degrees(axis.target_rad), 3) for axis in self.axes)
-        self.world.exposures.append((self.name, angles, tuple(lit), exposure_s, index))
-        light = min(3000.0, 4000.0 * exposure_s) if lit or count > 1 else 0.0
-        key = repr((self.serial, angles, sorted(lit), exposure_s, index, len(self.world.exposures)))
+    def _frame(self, index, exposure_s, taken_s, lit):
+        light = min(3000.0, 4000.0 * exposure_s) if lit else 0.0
+        key = repr((self.serial, len(self.world.exposures), index))
         rng = np.random.default_rng(int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big"))
-        mosaic = np.clip(rng.normal(BLACK + light, 2.0, SIZE), 0, WHITE).astype(np.uint16)
-        profile = (1e-4, (1.0 / (WHITE - BLACK)) ** 2)
+        mosaic = np.clip(rng.normal(BLACK + light, READ_NOISE, SIZE), 0, WHITE).astype(np.uint16)
+        profile = (1e-4, (READ_NOISE / (WHITE - BLACK)) ** 2)
         data = dng(mosaic, exposure_s=exposure_s, serial=self.serial, noise_profile=profile)
-        return RawFrame(self.name, self.serial, data, exposure_s, index, start_s + index * interval_s)
+        return RawFrame(self.name, self.serial, data, exposure_s, index, taken_s)
 
     def abort(self):
         self.world.command(f"abort {self.name}")
@@ -217,9 +217,7 @@ def fake_rig(settings=None, world=None):
     """The rig and its world."""
     settings, world = settings or config(), world or World()
     axes = {name: FakeAxis(name, axis, world) for name, axis in settings.axes.items()}
-    cameras = {
-        name: FakeCamera(name, camera, world, list(axes.values())) for name, camera in settings.cameras.items()
-    }
+    cameras = {name: FakeCamera(name, camera, world, list(axes.values())) for name, camera in settings.cameras.items()}
     laser = FakeLaser(world) if settings.laser else None
     lamps = FakeLamps(settings.lamps.lamp, world)
     return Rig(settings.name, FakeClock(world), axes, lamps, cameras, laser, ()), world

@@ -1,0 +1,148 @@
+"""Plans: what a person may write, and one clear message for what he may not."""
+
+import copy
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig.errors import PlanError
+from rig.sessions import load_plan, parse_plan, plan_data, plan_schema, plan_sha256
+from tests.rig.sessions.fake_rig import PLANS
+
+EXAMPLES = sorted((Path(__file__).parents[3] / "docs" / "plans").glob("*.toml"))
+
+
+def changed(kind, **fields):
+    return {**copy.deepcopy(PLANS[kind]), **fields}
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_every_example_is_a_plan(path):
+    plan = load_plan(path)
+    assert plan.kind == path.stem
+
+
+def test_there_is_an_example_of_every_kind():
+    assert {path.stem for path in EXAMPLES} == set(PLANS)
+
+
+@pytest.mark.parametrize("kind", PLANS)
+def test_a_plan_survives_json(kind, tmp_path):
+    plan = parse_plan(PLANS[kind])
+    (tmp_path / "plan.json").write_text(json.dumps(plan_data(plan)))
+    again = load_plan(tmp_path / "plan.json")
+    assert again == plan
+    assert plan_sha256(again) == plan_sha256(plan)
+
+
+@given(st.permutations(list(PLANS["btf"])))
+@settings(max_examples=20, deadline=None)
+def test_the_hash_does_not_depend_on_the_order_of_fields(order):
+    plan = parse_plan({key: PLANS["btf"][key] for key in order})
+    assert plan_sha256(plan) == plan_sha256(parse_plan(PLANS["btf"]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "value"),
+    [
+        ("btf", "texels", 65),
+        ("btf", "exposures_s", [0.05, 0.21]),
+        ("mdf", "frame_rate_hz", 11.0),
+        ("srf", "camera", "cam0"),
+        ("calibrate", "board_poses", 4),
+    ],
+)
+def test_the_hash_tells_plans_apart(kind, field, value):
+    assert plan_sha256(parse_plan(changed(kind, **{field: value}))) != plan_sha256(parse_plan(PLANS[kind]))
+
+
+def test_the_schema_knows_every_kind():
+    text = json.dumps(plan_schema())
+    assert all(f'"{kind}"' in text for kind in PLANS)
+
+
+BAD = {
+    "no kind": ({"sample": "brick"}, "kind"),
+    "unknown kind": ({"kind": "panorama"}, "kind"),
+    "not a table": ([1, 2], "dictionary"),
+    "nothing": (None, "dictionary"),
+    "misspelt field": (changed("btf", texel=5), "texel"),
+    "missing field": ({k: v for k, v in PLANS["btf"].items() if k != "cameras"}, "cameras"),
+    "empty list": (changed("btf", turntable_deg=[]), "turntable_deg"),
+    "text for a number": (changed("btf", exposures_s=["0.1"]), "exposures_s.0"),
+    "true for a number": (changed("mdf", exposure_s=True), "exposure_s"),
+    "negative exposure": (changed("btf", exposures_s=[-0.1]), "exposures_s.0"),
+    "no exposure": (changed("calibrate", exposure_s=0), "exposure_s"),
+    "endless exposure": (changed("srf", exposures_s=[1e6]), "exposures_s.0"),
+    "infinite angle": (changed("srf", arm_deg=[float("inf")]), "arm_deg.0"),
+    "no number": (changed("srf", arm_deg=[float("nan")]), "arm_deg.0"),
+    "repeated angle": (changed("srf", arm_deg=[10, 20, 10]), "arm_deg"),
+    "angle a turn away": (changed("btf", turntable_deg=[-90, 270]), "turntable_deg"),
+    "repeated exposure": (changed("btf", exposures_s=[0.1, 0.10001]), "exposures_s"),
+    "repeated camera": (changed("btf", cameras=["cam0", "cam0"]), "cameras"),
+    "path for a name": (changed("btf", cameras=["../../etc"]), "cameras.0"),
+    "fraction of a texel": (changed("btf", texels=1.5), "texels"),
+    "too many texels": (changed("btf", texels=10**6), "texels"),
+    "too few board poses": (changed("calibrate", board_poses=2), "board_poses"),
+    "exposure longer than the interval": (changed("mdf", exposure_s=0.5), "exposure_s"),
+    "no card": ({k: v for k, v in PLANS["srf"].items() if k != "card"}, "card"),
+    "card of wrong size": (changed("srf", card={**PLANS["srf"]["card"], "width_mm": -1}), "card.width_mm"),
+    "card brighter than white": (changed("srf", card={**PLANS["srf"]["card"], "reflectance": 1.2}), "card.reflectance"),
+}
+
+
+@pytest.mark.parametrize(("data", "field"), BAD.values(), ids=BAD.keys())
+def test_a_bad_plan_is_refused_by_field(data, field):
+    with pytest.raises(PlanError) as caught:
+        parse_plan(data, source="here.toml")
+    message = str(caught.value)
+    assert message.startswith("here.toml: ")
+    assert field in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("plan.toml", b"kind = ", "not TOML"),
+        ("plan.toml", b"\xff\xfe\x00", "not TOML"),
+        ("plan.json", b'{"kind": "srf"', "not JSON"),
+        ("plan.json", b"[" * 100_000, "not JSON"),
+        ("plan.toml", b"", "kind"),
+    ],
+)
+def test_a_file_that_is_no_plan_is_refused_by_name(tmp_path, name, content, says):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(PlanError, match=says) as caught:
+        load_plan(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(PlanError, match=r"absent\.toml"):
+        load_plan(tmp_path / "absent.toml")
+    with pytest.raises(PlanError, match="cannot be read"):
+        load_plan(tmp_path)
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | st.text(max_size=8),
+        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+        max_leaves=10,
+    ),
+    st.sampled_from(sorted(PLANS)),
+    st.data(),
+)
+@settings(max_examples=50, deadline=None)
+def test_whatever_stands_in_a_field_the_answer_is_a_plan_or_a_plan_error(value, kind, data):
+    field = data.draw(st.sampled_from(sorted(PLANS[kind])))
+    try:
+        plan = parse_plan({**PLANS[kind], field: value})
+    except PlanError:
+        return
+    assert parse_plan(plan_data(plan)) == plan

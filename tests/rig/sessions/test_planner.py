@@ -1,0 +1,241 @@
+"""From plan to steps: identity, order, limits, skips and forecast."""
+
+import json
+from itertools import pairwise
+from math import degrees, radians
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig.errors import InterlockError, LimitError, PlanError, UnknownDeviceError
+from rig.sessions import describe, expand, forecast, load_plan, parse_plan, schedule
+from rig.sessions.forecast import lower_bound_s, motion_time_s, reference_rad
+from rig.sessions.step import read_step, step_data
+from tests.rig.sessions.fake_rig import PLANS, config
+from tests.rig.sessions.test_plan import EXAMPLES, changed
+
+CONFIG = config()
+ANGLES = st.lists(st.integers(-1795, 1800).map(lambda tenths: tenths / 10), min_size=1, max_size=5, unique=True)
+
+
+@st.composite
+def plans(draw):
+    kind = draw(st.sampled_from(["btf", "mdf", "srf"]))
+    if kind == "btf":
+        return changed(
+            "btf",
+            turntable_deg=draw(ANGLES),
+            light_azimuth_deg=draw(ANGLES),
+            lamps=draw(st.permutations(["lamp0", "lamp1"])),
+            exposures_s=draw(st.lists(st.integers(1, 9999), min_size=1, max_size=3, unique=True).map(_tenths_of_ms)),
+        )
+    if kind == "mdf":
+        return changed("mdf", turntable_deg=draw(ANGLES), laser_elevations_deg=draw(st.permutations([35, 50])))
+    arm_deg = draw(st.lists(st.integers(-90, 90), min_size=1, max_size=6, unique=True))
+    return changed("srf", arm_deg=[*arm_deg, 77.7])
+
+
+def _tenths_of_ms(ticks):
+    return [tick / 10_000 for tick in ticks]
+
+
+def steps_of(data):
+    """The steps, or nothing where every light azimuth falls into the light arc's forbidden zone."""
+    try:
+        return expand(parse_plan(data), CONFIG)
+    except PlanError:
+        return ()
+
+
+@given(plans())
+@settings(max_examples=50, deadline=None)
+def test_identities_are_unique_and_stable(data):
+    steps = steps_of(data)
+    assert len({step.id for step in steps}) == len(steps)
+    assert steps == steps_of(data)
+
+
+@given(plans(), st.randoms())
+@settings(max_examples=50, deadline=None)
+def test_the_order_in_which_a_plan_lists_things_changes_nothing(data, random):
+    shuffled = {
+        key: random.sample(value, len(value)) if isinstance(value, list) else value for key, value in data.items()
+    }
+    assert steps_of(shuffled) == steps_of(data)
+
+
+@given(plans())
+@settings(max_examples=50, deadline=None)
+def test_steps_survive_json(data):
+    for step in steps_of(data):
+        assert read_step(json.loads(json.dumps(step_data(step)))) == step
+
+
+@given(plans())
+@settings(max_examples=50, deadline=None)
+def test_no_step_leaves_the_limits_or_stands_in_a_forbidden_zone(data):
+    for step in steps_of(data):
+        for name, axis in CONFIG.axes.items():
+            angle = degrees(step.axes_rad[name])
+            assert axis.min_deg - 1e-6 <= angle <= axis.max_deg + 1e-6
+            assert not any(low <= angle <= high for low, high in axis.forbidden_deg)
+
+
+@given(plans())
+@settings(max_examples=30, deadline=None)
+def test_the_operator_mounts_each_thing_once(data):
+    steps = steps_of(data)
+    changes = sum(a.mount != b.mount for a, b in pairwise(steps))
+    assert changes == max(len({tuple(sorted(step.mount.items())) for step in steps}) - 1, 0)
+
+
+@given(st.lists(st.integers(-18, 18).map(lambda tens: tens * 10), min_size=2, max_size=8, unique=True))
+@settings(max_examples=30, deadline=None)
+def test_one_axis_never_turns_back(angles):
+    """With one axis on the move the shortest serpentine is one sweep from end to end."""
+    angles = [angle for angle in angles if abs(angle) > 12 and angle > -180]
+    if not angles:
+        return
+    steps = steps_of(changed("mdf", laser_azimuth_deg=angles, laser_elevations_deg=[35]))
+    path = [degrees(step.axes_rad["light_arc"]) for step in steps]
+    assert path in (sorted(path), sorted(path, reverse=True))
+
+
+def test_the_order_is_no_worse_than_the_plain_nested_loop():
+    plan = changed("btf", turntable_deg=[0, 90, 180, -90], light_azimuth_deg=[45, 135, 225, 315])
+    steps = steps_of(plan)
+    loop = sorted(steps, key=lambda step: (step.axes_rad["turntable"], step.axes_rad["light_arc"]))
+    assert travel_s(steps) < 0.9 * travel_s(loop)
+
+
+def travel_s(steps):
+    poses = [reference_rad(CONFIG), *(step.axes_rad for step in steps)]
+    return sum(motion_time_s(a, b, CONFIG) for a, b in pairwise(poses))
+
+
+def test_long_exposures_come_first_in_every_light():
+    for a, b in pairwise(steps_of(PLANS["btf"])):
+        if (a.pose, a.lamps) == (b.pose, b.lamps):
+            assert a.exposure_s > b.exposure_s
+
+
+def test_the_light_arc_follows_the_turntable():
+    """A light's azimuth is told in the sample frame, which turns with the turntable."""
+    for step in steps_of(PLANS["btf"]):
+        azimuth = degrees(step.axes_rad["light_arc"] - step.axes_rad["turntable"]) % 360
+        assert min(abs(azimuth - 45), abs(azimuth - 135)) < 1e-9
+
+
+def test_an_angle_out_of_range_is_taken_by_whole_turns():
+    steps = steps_of(changed("mdf", turntable_deg=[270], laser_azimuth_deg=[225]))
+    assert {round(degrees(step.axes_rad["turntable"])) for step in steps} == {-90}
+    assert {round(degrees(step.axes_rad["light_arc"])) for step in steps} == {-135}
+
+
+def test_axes_that_a_plan_does_not_use_stand_out_of_the_way():
+    for step in steps_of(PLANS["srf"]):
+        assert abs(degrees(step.axes_rad["light_arc"])) > 12
+        assert step.axes_rad["turntable"] == 0
+
+
+def test_what_the_geometry_cannot_use_is_skipped_with_its_reason():
+    under = schedule(parse_plan(changed("btf", lamps=["led", "lamp1"], cameras=["front", "cam0"])), CONFIG)
+    assert [skip.what for skip in under.skipped] == ["camera front", "lamp led"]
+    assert "horizon" in under.skipped[1].reason
+    assert all(step.lamps == ("lamp1",) and step.cameras == ("cam0",) for step in under.steps)
+    before = schedule(parse_plan(changed("btf", light_azimuth_deg=[0, 45], turntable_deg=[0])), CONFIG)
+    assert [skip.what for skip in before.skipped] == ["turntable 0 deg, light azimuth 0 deg"]
+    arm = schedule(parse_plan(changed("srf", arm_deg=[-10, 0, 10])), CONFIG)
+    assert "before camera front" in arm.skipped[0].reason
+    assert {round(degrees(step.axes_rad["arm"])) for step in arm.steps} == {-10, 10}
+
+
+def test_a_sweep_is_recorded_from_end_to_end():
+    for step in steps_of(PLANS["mdf"]):
+        nominal_s = CONFIG.laser.sweep_ticks / CONFIG.laser.ticks_per_s
+        assert step.sweep
+        assert step.frames * step.interval_s >= nominal_s
+        assert step.lamps == ()
+
+
+@pytest.mark.parametrize(
+    ("data", "error", "says"),
+    [
+        (changed("btf", cameras=["cam9"]), UnknownDeviceError, "cam0, cam1, front"),
+        (changed("btf", lamps=["sun"]), UnknownDeviceError, "led, lamp0, lamp1"),
+        (changed("srf", lamp="sun"), UnknownDeviceError, "sun"),
+        (changed("calibrate", cameras=["cam9"]), UnknownDeviceError, "cam9"),
+        (changed("srf", arm_deg=[120]), LimitError, r"arm: 120 deg is outside -90 to 90 deg"),
+        (changed("mdf", laser_azimuth_deg=[5]), InterlockError, r"light_arc: 5 deg is forbidden \(-12 to 12 deg\)"),
+        (changed("calibrate", light_arc_deg=0), InterlockError, r"nothing was moved"),
+        (changed("mdf", laser_elevations_deg=[40]), PlanError, "35, 50"),
+        (changed("srf", lamp="lamp0"), PlanError, "lamp0"),
+        (changed("calibrate", lamp="led"), PlanError, "led"),
+        (changed("btf", lamps=["led"]), PlanError, "no step is left"),
+        (changed("mdf", cameras=["front"]), PlanError, "no step is left"),
+        (changed("srf", arm_deg=[0]), PlanError, "no step is left"),
+    ],
+)
+def test_an_impossible_plan_is_refused_before_anything_moves(data, error, says):
+    with pytest.raises(error, match=says):
+        expand(parse_plan(data), CONFIG)
+
+
+def test_a_rig_without_laser_or_axis_says_so():
+    with pytest.raises(UnknownDeviceError, match="laser"):
+        expand(parse_plan(PLANS["mdf"]), config(laser=None))
+    axes = {name: axis for name, axis in CONFIG.model_dump()["axes"].items() if name != "turntable"}
+    with pytest.raises(UnknownDeviceError, match="turntable"):
+        expand(parse_plan(PLANS["btf"]), config(axes=axes))
+
+
+@given(plans())
+@settings(max_examples=30, deadline=None)
+def test_the_forecast_is_consistent(data):
+    steps = steps_of(data)
+    expected = forecast(steps, CONFIG)
+    assert expected.lower_bound_s <= expected.time_s + 1e-9
+    assert expected.time_s == pytest.approx(sum(expected.step_s))
+    assert expected.exposure_s == pytest.approx(sum(step.duration_s for step in steps))
+    assert expected.frames == sum(step.frames * len(step.cameras) for step in steps)
+    assert expected.bytes == pytest.approx(expected.frames * 2000)  # 2 kB a frame, rig.toml
+
+
+def test_the_lower_bound_of_no_step_is_zero():
+    assert lower_bound_s([]) == 0
+
+
+def test_a_move_takes_what_its_ramps_take():
+    """30 deg/s at 60 deg/s2: ramps of 15 deg together; 45 deg take 1.5 s + 0.5 s, 3.75 deg 0.5 s; 0.2 s to settle."""
+    here = {"arm": 0.0, "light_arc": 0.0}
+    assert motion_time_s(here, {"arm": radians(45)}, CONFIG) == pytest.approx(2.2)
+    assert motion_time_s(here, {"arm": radians(3.75)}, CONFIG) == pytest.approx(0.7)
+    assert motion_time_s(here, {"arm": radians(45), "light_arc": radians(3.75)}, CONFIG) == pytest.approx(2.2)
+    assert motion_time_s(here, here, CONFIG) == 0
+
+
+def test_a_dry_run_names_everything_of_a_step():
+    line = describe(steps_of(PLANS["mdf"])[0])
+    for word in ("light_arc", "laser sweep", "0.0200 s", "cam0, cam1", "laser_elevation_deg=35"):
+        assert word in line
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_examples_use_only_what_their_comments_count(path):
+    """The examples are for the simulated rig; their numbers of steps follow from their lists."""
+    plan = load_plan(path)
+    counted = {
+        "srf": lambda: len(plan.arm_deg) * len(plan.exposures_s),
+        "btf": lambda: len(plan.turntable_deg) * len(plan.light_azimuth_deg) * len(plan.lamps) * len(plan.exposures_s),
+        "mdf": lambda: len(plan.turntable_deg) * len(plan.laser_azimuth_deg) * len(plan.laser_elevations_deg),
+        "calibrate": lambda: plan.board_poses,
+    }[plan.kind]()
+    lamp = CONFIG.lamps.lamp["lamp1"].model_dump()
+    camera = CONFIG.cameras["cam1"].model_dump()
+    lamps = {f"lamp{i}": {**lamp, "channel": i + 1} for i in range(8)} | {"led": CONFIG.lamps.lamp["led"].model_dump()}
+    cameras = {f"cam{i}": camera for i in range(8)} | {"front": CONFIG.cameras["front"].model_dump()}
+    whole = config(lamps={"port": "/fake/dmx", "lamp": lamps}, cameras=cameras)
+    laid_out = schedule(plan, whole)
+    assert len(laid_out.steps) == counted
+    assert laid_out.skipped == ()

@@ -1,4 +1,7 @@
-"""The command `rig`: every subcommand parses, calls one thing and says where the result is."""
+"""The command `rig`: every subcommand parses, calls one thing and says where the result is.
+
+What computes, draws or serves is imported by the subcommand that needs it: `rig plan` and `rig resume` answer at once.
+"""
 
 import json
 import tempfile
@@ -12,13 +15,9 @@ import typer
 
 from rig.config import RigConfig, load_config
 from rig.sessions import Operator, RunReport, Session, describe, forecast, load_plan, schedule
-from service import measuring, viewing
 from service.capture import capture as run_capture
 from service.capture import resume as run_resume
 from service.console import EXIT_EPILOG, ConsoleProgress, ask_operator, console, reported_errors, tell
-from service.demo import run_demo
-from service.pipeline import DEFAULT_RANK
-from service.pipeline import process as run_pipeline
 from service.simulation import Simulation, mount_at
 
 app = typer.Typer(
@@ -126,11 +125,14 @@ def verify(session: SessionArgument) -> None:
 def process(
     session: SessionArgument,
     calibration: Annotated[Path | None, typer.Option(help="Processed calibrate session (for btf and mdf).")] = None,
-    rank: Annotated[int, typer.Option(help="Eigenmaps of a BTF.", min=1)] = DEFAULT_RANK,
+    rank: Annotated[int | None, typer.Option(help="Eigenmaps of a BTF; 4 unless given.", min=1)] = None,
 ) -> None:
     """Turn a session's frames into its products. What has not changed is not made again."""
+    from service.pipeline import DEFAULT_RANK
+    from service.pipeline import process as run_pipeline
+
     with reported_errors(), Session.open(session) as opened, ConsoleProgress() as progress:
-        folders = run_pipeline(opened, calibration, progress, rank=rank)
+        folders = run_pipeline(opened, calibration, progress, rank=rank or DEFAULT_RANK)
     for folder in folders:
         tell(str(folder))
 
@@ -138,13 +140,17 @@ def process(
 @app.command()
 def preview(
     product: Annotated[Path, typer.Argument(help="Folder of an SRF or a factored BTF.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Picture (.png), or moving light (.webp, .gif).")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Picture (.png), moving light (.webp, .gif), or a folder for all.")
+    ],
     shape: Annotated[str, typer.Option(help="sphere, plane, torus, vase, or a mesh file (OBJ, PLY, GLB).")] = "",
     azimuth_deg: Annotated[float, typer.Option(help="Of the light, from +X toward +Y.")] = 40.0,
     elevation_deg: Annotated[float, typer.Option(help="Of the light, from the horizon.")] = 45.0,
     size: Annotated[int, typer.Option(help="Pixels on a side.", min=16, max=4096)] = 600,
 ) -> None:
     """Draw a material on a shape under a light, or under a light that moves around it."""
+    from service import viewing
+
     with reported_errors():
         tell(viewing.draw_product(product, out, shape, (azimuth_deg, elevation_deg), size))
 
@@ -155,6 +161,8 @@ def merge(
     out: Annotated[Path, typer.Option("--out", "-o", help="Linear picture to write (.exr).")],
 ) -> None:
     """Merge bracketed photographs into one linear EXR with a variance layer, and a tone-mapped PNG beside it."""
+    from service import measuring
+
     with reported_errors():
         for line in measuring.merge_photographs(files, out):
             tell(line)
@@ -166,6 +174,8 @@ def displacement(
     out: Annotated[Path, typer.Option("--out", "-o", help="Depth picture to write (.png).")],
 ) -> None:
     """Run the laser analysis on real images: stripe, plane, and a depth picture."""
+    from service import measuring
+
     with reported_errors():
         for line in measuring.measure_displacement(source, out):
             tell(line)
@@ -180,6 +190,8 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """Capture, process and draw a sphere and a brick on the simulated rig, and report error against truth."""
+    from service.demo import run_demo
+
     with reported_errors(), ConsoleProgress() as progress:
         report = run_demo(out, seed=seed, progress=progress)
     if as_json:
@@ -202,6 +214,8 @@ def bench(
     records: Annotated[Path, typer.Option(help="Folder of written records, for `report`.")] = Path("out"),
 ) -> None:
     """Measure run time and error: figures that a machine can compare."""
+    from service import measuring
+
     with reported_errors():
         for line in measuring.benchmark(name, quick=quick, to=to, listing=listing, records=records):
             tell(line)
@@ -215,7 +229,7 @@ def serve(
     port: Annotated[int, typer.Option(help="Port on the loopback address.", min=1, max=65535)] = 8100,
 ) -> None:
     """Serve REST and the start page on the loopback address, for one rig."""
-    from service.server import serve as run_server  # uvicorn and all routes: not needed by the other commands
+    from service.server import serve as run_server
 
     with reported_errors(), rig_at_hand(rig, simulated) as (config, _):
         run_server(config, sessions, port)

@@ -50,6 +50,7 @@ class ConsoleProgress:
         self._progress = Progress(
             SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
             TextColumn("{task.fields[left]}"), console=console, transient=True,
+            disable=not console.is_terminal,  # else it leaves blank lines in a script's log
         )  # fmt: skip
 
     def __enter__(self) -> Self:

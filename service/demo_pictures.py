@@ -1,7 +1,6 @@
 """The pictures of the demo's report."""
 
 from dataclasses import dataclass
-from math import radians
 from pathlib import Path
 
 import numpy as np
@@ -9,17 +8,19 @@ import numpy as np
 from processing.products import Btf, FactoredBtf, Srf
 from render.comparison import gl_vs_reference
 from render.errors import GlUnavailableError
-from render.materials import Material
-from render.preview import Preview
-from render.scene import Scene, light
+from render.showcase import Gallery, scenes, write_showcase
 from rig.sessions import Session
 from service.pictures import frame_png, save_colour_panels, save_panels
 from service.report import Picture
 from service.truth import BtfErrors, MdfErrors, SrfErrors
-from service.viewing import draw_moving_light, draw_sheet, scene_of, shape_for
 
-SIZE_PX = 360
-SHEET_AZIMUTHS_DEG = (-55.0, -20.0, 20.0, 55.0)
+SIZE_PX = 480
+CAPTIONS = {
+    "srf_sphere": "The stone's SRF on the sphere it was taken from",
+    "srf_vase": "The stone's SRF on a vase",
+    "btf_plane": "The brick's BTF on a plane",
+    "btf_torus": "The brick's BTF on a torus",
+}
 
 
 @dataclass(frozen=True)
@@ -84,35 +85,18 @@ def mdf(out: Path, errors: MdfErrors) -> tuple[Picture, ...]:
 
 
 def previews(out: Path, srf: Srf, factored: FactoredBtf) -> Previews:
-    """Every material on its shapes: a still sheet and a moving light each."""
-    wanted: tuple[tuple[str, Material, str, str], ...] = (
-        ("srf-sphere", srf, "sphere", "The stone's SRF on the sphere"),
-        ("srf-vase", srf, "vase", "The stone's SRF on a vase"),
-        ("btf-plane", factored, "plane", "The brick's BTF on a plane"),
-        ("btf-torus", factored, "torus", "The brick's BTF on a torus"),
-    )
-    pictures, differences = [], []
-    with Preview((SIZE_PX, SIZE_PX)) as preview:
-        for name, material, shape, caption in wanted:
-            shown, mesh = shape_for(material, shape)
-            scene = scene_of(shown, mesh, (40.0, 40.0), SIZE_PX)
-            pictures += _both(preview, scene, out, name, caption)
-            try:
-                differences.append(gl_vs_reference(shown, mesh))
-            except GlUnavailableError:
-                continue
-        return Previews(tuple(pictures), preview.renderer_name, max(differences) if differences else None)
+    """Every material on its shapes, a still and a moving light each."""
+    size = (SIZE_PX, SIZE_PX)
+    galleries = [*write_showcase(srf, out, size=size), *write_showcase(factored, out, size=size)]
+    pictures = [picture for gallery in galleries for picture in _of_gallery(gallery)]
+    shows = {**scenes(srf, size), **scenes(factored, size)}.values()
+    try:
+        difference = max(gl_vs_reference(show.scene.material, show.scene.mesh) for show in shows)
+    except GlUnavailableError:
+        difference = None
+    return Previews(tuple(pictures), galleries[0].renderer, difference)
 
 
-def _both(preview: Preview, scene: Scene, out: Path, name: str, caption: str) -> list[Picture]:
-    sheet, moving = out / f"{name}.png", out / f"{name}-moving-light.webp"
-    lit = [_under(scene, azimuth_deg) for azimuth_deg in SHEET_AZIMUTHS_DEG]
-    draw_sheet(preview, lit, sheet)
-    draw_moving_light(preview, lit[1], moving, arc_deg=140.0)
-    return [Picture(sheet, f"{caption}, four lights"), Picture(moving, f"{caption}, moving light")]
-
-
-def _under(scene: Scene, azimuth_deg: float) -> Scene:
-    elevation_deg = 15.0 if scene.mesh.map_from_world is not None else 40.0
-    lamp = light(radians(azimuth_deg), radians(elevation_deg))
-    return Scene(scene.mesh, scene.material, scene.camera, (lamp,))
+def _of_gallery(gallery: Gallery) -> tuple[Picture, Picture]:
+    what = CAPTIONS[gallery.name]
+    return Picture(gallery.still, what), Picture(gallery.animation, f"{what}, under moving light")

@@ -1,11 +1,80 @@
 """Commands that work on files: merging photographs, laser images, benchmarks. Each yields the lines that it tells."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from math import degrees
 from pathlib import Path
 
+import numpy as np
+
+from processing.bracket import merge_files, write_merged
+from processing.depth_picture import depth_picture, write_point_cloud
+from processing.errors import ImageError
+from processing.hand_sweep import laser_sweep
+from processing.hdr import PixelStatus
+from processing.laser_chessboard import LaserChessboard, laser_chessboard
+from render.picture import save_image
 from rig.errors import ConfigError
 from service import bench
+from service.pictures import save_stripes
+
+INTRINSICS = "intrinsics.xml"
+
+
+def merge_photographs(files: Sequence[Path], out: Path) -> Iterator[str]:
+    """Merge a bracket into `out` (.exr) and a PNG beside it. Raises ImageError."""
+    merged = merge_files(files)
+    linear, picture = write_merged(merged, out)
+    times = ", ".join(f"{time_s:.4g}" for time_s in merged.exposure_s)
+    saturated = merged.radiance.count(PixelStatus.SATURATED) / merged.radiance.status.size
+    camera = merged.camera or "an unnamed camera"
+    yield f"{len(files)} exposures of {camera} ({times} s); {saturated:.2%} saturated in all of them"
+    if merged.assumed_sensor:
+        yield "No noise profile in the files: gain and read noise are assumed, the variance is only indicative."
+    yield f"{linear}: linear, with layers variance and status"
+    yield f"{picture}: tone-mapped"
+
+
+def measure_displacement(source: Path, out: Path) -> Iterator[str]:
+    """Laser analysis of a folder of stripe photographs, or of a sweep (.gif), with a picture in `out`.
+
+    Raises ImageError.
+    """
+    if source.is_dir():
+        yield from _stripes(laser_chessboard(source), out)
+    elif source.suffix.lower() == ".gif":
+        yield from _sweep(source, out)
+    else:
+        raise ImageError(f"{source}: a folder of laser-line photographs or the .gif of a sweep is needed.")
+
+
+def _stripes(found: LaserChessboard, out: Path) -> Iterator[str]:
+    distances_m = found.points_m @ found.plane.normal - found.plane.offset_m
+    yield (
+        f"{len(found.stripes)} stripes, {len(found.points_m)} points; "
+        f"row residual {found.row_rms_px:.3f} px, plane residual {np.std(distances_m) * 1e3:.3f} mm"
+    )
+    if np.isfinite(found.published_angle_rad):
+        yield (
+            f"published plane: {degrees(found.published_angle_rad):.3f} deg and "
+            f"{found.published_distance_m * 1e3:.3f} mm away; our sigma {degrees(found.angle_deviation_rad):.3f} deg"
+        )
+    save_stripes(out, found.stripes)
+    yield f"{out}: depth of the stripes"
+
+
+def _sweep(source: Path, out: Path) -> Iterator[str]:
+    found = laser_sweep(source, source.parent / INTRINSICS)
+    measured = np.isfinite(found.depth_m)
+    save_image(out, depth_picture(found.depth_m))
+    cloud = out.with_suffix(".ply")
+    write_point_cloud(cloud, found.points_m, found.picture)
+    yield (
+        f"{measured.mean():.1%} of the pixels measured; wall {found.wall_rms_m * 1e3:.2f} mm and table "
+        f"{found.floor_rms_m * 1e3:.2f} mm from their planes, {degrees(found.corner_angle_rad):.2f} deg between them"
+    )
+    yield f"{out}: depth, near bright"
+    yield f"{cloud}: point cloud"
 
 
 def benchmark(name: str, *, quick: bool, to: Path | None, listing: bool, records: Path) -> Iterator[str]:

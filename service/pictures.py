@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from processing.formats.raw import read_raw
+from processing.laser_chessboard import BoardStripe
 from processing.radiometry import demosaic, tonemap
 
 DISPLAY_PX = 320
@@ -53,6 +54,19 @@ def save_colour_panels(path: Path, panels: Sequence[tuple[str, NDArray[np.floati
     for axis, (title, panel) in zip(axes.flat, panels, strict=False):
         axis.imshow(np.clip(np.nan_to_num(panel) / max(peak, 1e-12), 0, 1) ** (1 / 2.2), interpolation="nearest")
         axis.set_title(title, fontsize=9)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def save_stripes(path: Path, stripes: Sequence[BoardStripe]) -> None:
+    """Laser stripes of several images in one picture, coloured by their depth."""
+    figure, axis = plt.subplots(figsize=(8, 5.4), layout="constrained")
+    depth_m = np.concatenate([stripe.points_m[:, 2] for stripe in stripes])
+    uv_px = np.concatenate([stripe.uv_px for stripe in stripes])
+    shown = axis.scatter(uv_px[:, 0], uv_px[:, 1], c=depth_m, s=2, cmap="viridis_r")
+    axis.set(aspect="equal", xlabel="column in px", ylabel="row in px", facecolor="0.1")
+    axis.invert_yaxis()
+    figure.colorbar(shown, label="depth in m")
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

@@ -1,7 +1,7 @@
 """Looking at products: a material on a shape, under a light that stands still or moves."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import radians
 from pathlib import Path
 
@@ -10,14 +10,14 @@ from processing.products import FactoredBtf, Srf
 from render.materials import Material
 from render.mesh import Mesh
 from render.mesh_file import load_mesh
-from render.picture import contact_sheet, exposure_for, save_animation, save_image
+from render.picture import exposure_for, save_animation, save_image
 from render.preview import Preview
 from render.scene import Scene, framed, light, orbiting_light
 from render.shapes import captured_sphere, plane, sphere, torus, vase
+from render.showcase import write_showcase
 from render.srf import repeating
 
 ANIMATED = {".webp", ".gif", ".apng"}
-SHEET_COLUMNS = 4
 FRAMES = 24
 
 
@@ -47,7 +47,13 @@ def shape_for(material: Material, name: str) -> tuple[Material, Mesh]:
 
 
 def draw_product(product: Path, out: Path, shape: str, light_deg: tuple[float, float], size: int) -> str:
-    """Draw a product into `out`: one picture, or for .webp and .gif a light that goes round. Returns what was done."""
+    """Draw a product into `out` and return what was done.
+
+    One picture, for .webp and .gif a light that goes round, for a folder the product's showcase.
+    """
+    if not out.suffix:
+        galleries = write_showcase(load_material(product), out, size=(size, size))
+        return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
     material, mesh = shape_for(load_material(product), shape)
     scene = scene_of(material, mesh, light_deg, size)
     with Preview((size, size)) as preview:
@@ -69,15 +75,8 @@ def scene_of(material: Material, mesh: Mesh, light_deg: tuple[float, float], siz
     return Scene(mesh, material, camera, (light(radians(light_deg[0]), radians(light_deg[1])),))
 
 
-def draw_moving_light(preview: Preview, scene: Scene, out: Path, *, arc_deg: float = 360.0) -> None:
-    """Animate the scene while its light turns by an arc about the vertical."""
-    pictures = preview.draw_all(orbiting_light(scene, FRAMES, arc_rad=radians(arc_deg)))
+def draw_moving_light(preview: Preview, scene: Scene, out: Path) -> None:
+    """Animate the scene while its light goes round the vertical."""
+    pictures = preview.draw_all(orbiting_light(scene, FRAMES))
     exposure = exposure_for(pictures)
     save_animation(out, [picture.srgb8(exposure) for picture in pictures])
-
-
-def draw_sheet(preview: Preview, scenes: Sequence[Scene], out: Path) -> None:
-    """Scenes side by side, all at one exposure, so that light and dark compare."""
-    pictures = preview.draw_all(scenes)
-    exposure = exposure_for(pictures)
-    save_image(out, contact_sheet([picture.srgb8(exposure) for picture in pictures], SHEET_COLUMNS))

@@ -13,7 +13,7 @@ from processing.calibration import CameraModel, calibrate_cameras, read_cameras,
 from processing.errors import CalibrationError
 from processing.formats.raw import read_raw
 from processing.products.provenance import write_description
-from processing.radiometry import demosaic
+from processing.radiometry import grey_mosaic
 from rig.sessions import FrameRecord, Session
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 
@@ -39,7 +39,7 @@ def make_calibration(session: Session, progress: Progress) -> Path:
     images: dict[str, dict[int, NDArray[np.float32]]] = {}
     for record in progress.track(records, "reading boards"):
         pose = int((record.step.mount or {})["pose"])
-        images.setdefault(record.camera, {})[pose] = _gray(record)
+        images.setdefault(record.camera, {})[pose] = _grey(record)
     board = session.config.board
     cameras = calibrate_cameras(
         images, Board(board.columns, board.rows, board.square_mm / 1e3, board.marker_mm / 1e3, board.dictionary)
@@ -64,8 +64,6 @@ def digest(cameras: Mapping[str, CameraModel]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _gray(record: FrameRecord) -> NDArray[np.float32]:
+def _grey(record: FrameRecord) -> NDArray[np.float32]:
     raw = read_raw(record.path)
-    signal = raw.mosaic.astype(np.float32) - raw.sensor.black_dn
-    colour, _ = demosaic(signal, np.ones_like(signal), raw.cfa)
-    return np.asarray(colour.mean(axis=-1), np.float32)
+    return np.asarray(grey_mosaic(raw.mosaic.astype(np.float64) - raw.sensor.black_dn, raw.cfa), np.float32)

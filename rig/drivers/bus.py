@@ -70,11 +70,10 @@ class TmclBus:
         if request.module in self._suspects:
             self._once(tmcl.firmware_version(request.module), f"{what} (after a silence: version)")
             self._suspects.discard(request.module)
-        try:
-            return self._once(request, what)
-        except (ReadTimeoutError, FrameError):
-            self._suspects.add(request.module)
-            raise
+        self._suspects.add(request.module)  # until it has answered, whatever interrupts the waiting
+        reply = self._once(request, what)
+        self._suspects.discard(request.module)
+        return reply
 
     def _once(self, request: Request, what: str) -> Reply:
         def answers(reply: Reply) -> bool:

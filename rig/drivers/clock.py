@@ -3,6 +3,8 @@
 import json
 import socket
 import time
+from contextlib import suppress
+from io import BufferedRWPair
 from typing import Protocol
 
 from rig.errors import ConnectError, TransportError
@@ -69,16 +71,7 @@ class SimulatedClock:
     def __init__(self, address: str) -> None:
         """Connect to host:port. Raises ConnectError where nobody answers there."""
         self._address = address
-        host, _, port = address.rpartition(":")
-        try:
-            self._socket = socket.create_connection((host, int(port)), _CONNECT_TIMEOUT_S)
-        except (OSError, ValueError) as error:
-            raise ConnectError(
-                f"clock: cannot reach the simulators at {address} ({error}). Are they running? rig.toml, [clock]."
-            ) from error
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket.settimeout(_ADVANCE_TIMEOUT_S)
-        self._lines = self._socket.makefile("rb")
+        self._stream: BufferedRWPair | None = self._connect()
 
     def now_s(self) -> float:
         """The simulated time. Raises TransportError where the simulators are gone."""
@@ -95,15 +88,41 @@ class SimulatedClock:
 
     def close(self) -> None:
         """Hang up; closing twice is allowed."""
-        self._lines.close()
-        self._socket.close()
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            with suppress(OSError):  # what could not be sent any more
+                stream.close()
+
+    def _connect(self) -> BufferedRWPair:
+        host, _, port = self._address.rpartition(":")
+        try:
+            connection = socket.create_connection((host, int(port)), _CONNECT_TIMEOUT_S)
+        except (OSError, ValueError) as error:
+            raise ConnectError(
+                f"clock: cannot reach the simulators at {self._address} ({error}). Are they running? rig.toml, [clock]."
+            ) from error
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.settimeout(_ADVANCE_TIMEOUT_S)
+        with connection:  # the stream keeps it open
+            return connection.makefile("rwb")
 
     def _ask(self, request: dict[str, object]) -> float:
+        """The time in the reply. A question that is broken off, by Ctrl-C for one, ends the connection with it.
+
+        Otherwise its reply would be taken for that of the next question, and so on for ever.
+        """
+        if self._stream is None:
+            self._stream = self._connect()
         try:
-            self._socket.sendall(json.dumps(request).encode() + b"\n")
-            reply = json.loads(self._lines.readline())
-            if reply["ok"]:
-                return float(reply["time_s"])
-        except (OSError, ValueError, KeyError) as error:
+            self._stream.write(json.dumps(request).encode() + b"\n")
+            self._stream.flush()
+            reply = json.loads(self._stream.readline())
+        except (OSError, ValueError) as error:
+            self.close()
             raise TransportError(f"clock: the simulators at {self._address} are gone ({error}).") from error
-        raise TransportError(f"clock: the simulators at {self._address} refuse {request}: {reply.get('error')}")
+        except BaseException:
+            self.close()
+            raise
+        if not reply["ok"]:
+            raise TransportError(f"clock: the simulators at {self._address} refuse {request}: {reply.get('error')}")
+        return float(reply["time_s"])

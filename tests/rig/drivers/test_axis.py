@@ -134,6 +134,20 @@ def test_a_late_reply_is_not_taken_for_the_next_parameter_even_without_a_repetit
     assert bus.ask("arm", get(Parameter.MAXIMUM_SPEED), "speed", attempts=1) == 2222
 
 
+def test_an_interrupted_request_does_not_shift_the_following(bus, modules, monkeypatch):
+    """Ctrl-C while waiting: the reply comes all the same, and is dropped."""
+    modules.parameters |= {(1, POSITION): 1111, (1, SPEED): 3333}
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bus._link, "receive", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            bus.ask("arm", get(Parameter.ACTUAL_POSITION), "position")
+    assert bus.ask("arm", get(Parameter.ACTUAL_SPEED), "speed") == 3333
+
+
 def test_a_reply_that_comes_twice_answers_once(bus, modules):
     modules.parameters |= {(1, POSITION): 1111, (1, MAX_SPEED): 2222}
     modules.faults = [lambda reply: reply + reply]

@@ -46,6 +46,30 @@ def test_simulators_that_end_are_a_transport_error(control_port):
     clock.close()
 
 
+class Interrupted:
+    """A stream whose reader is interrupted when it waits for the reply, as by Ctrl-C."""
+
+    def __init__(self, stream):
+        self._stream = stream
+
+    def readline(self):
+        raise KeyboardInterrupt
+
+    def __getattr__(self, name):
+        return getattr(self._stream, name)
+
+
+def test_an_interrupted_sleep_does_not_shift_all_the_following_replies(control_port):
+    peer, _ = control_port
+    clock = SimulatedClock(peer.address)
+    clock._stream = Interrupted(clock._stream)
+    with pytest.raises(KeyboardInterrupt):
+        clock.sleep(100.0)
+    clock.sleep(2.0)
+    assert clock.now_s() == 2.0, "this control port counts each connection's time by itself"
+    clock.close()
+
+
 def test_a_refusal_of_the_simulators_is_told(control_port):
     peer, _ = control_port
     clock = SimulatedClock(peer.address)

@@ -49,12 +49,12 @@ def reference_region(camera: CameraModel, rig_from_sample: Array, holder: Holder
     margin = _footprint(upper) / 2 + _SAFETY_M
     at_upper, at_lower = (_ring_distance(points, rig_from_sample) for points in (upper, lower))
     towards = np.asarray(source_m) - lower
-    shadow = lower + towards * (holder.step_m / towards[..., 2:])
+    light = lower + towards * (holder.step_m / towards[..., 2:])
     with np.errstate(invalid="ignore"):
         on_upper = (at_upper > holder.sample_m / 2 + margin) & (at_upper < holder.inner_m / 2 - margin)
         on_lower = (at_lower > holder.inner_m / 2 + margin) & (at_lower < holder.outer_m / 2 - margin)
-        on_lower &= at_upper > holder.inner_m / 2 + margin
-        on_lower &= _ring_distance(shadow, rig_from_sample) > holder.inner_m / 2 + margin
+        for end in (upper, light):  # neither the view ray nor the laser's passes through the upper part
+            on_lower &= _nearest_ring(lower, end, rig_from_sample) > holder.inner_m / 2 + margin
     height = np.where(on_upper, 1, np.where(on_lower, 2, 0)).astype(np.uint8)
     return ReferenceRegion(np.where(on_lower[..., None], lower, upper), height)
 
@@ -69,6 +69,13 @@ def _ring_distance(points_m: Array, rig_from_sample: Array) -> Array:
     """Half side of the axis-parallel square of the sample frame on which each point lies."""
     local = geometry.transform_points(geometry.invert(rig_from_sample), points_m)
     return np.asarray(np.abs(local[..., :2]).max(axis=-1))
+
+
+def _nearest_ring(start_m: Array, end_m: Array, rig_from_sample: Array) -> Array:
+    """The least of `_ring_distance` along the way from one point to another."""
+    shares = np.linspace(0.0, 1.0, 9)
+    rings = [_ring_distance(start_m + share * (end_m - start_m), rig_from_sample) for share in shares]
+    return np.asarray(np.min(rings, axis=0))
 
 
 def _footprint(points_m: Array) -> Array:

@@ -136,7 +136,7 @@ def fit_sweep(points_m: Array, time_frames: Array, time_variance: Array, mount: 
     """Laser planes from rig-frame points (n, 3) and the times (n,) with variances (n,) at which the plane held them.
 
     Robust least squares of every point's angle about the fan's axis against a cubic spline of its time: iteratively
-    reweighted (Huber, then Tukey) with the mount's tolerances and the motor's evenness as priors.
+    reweighted (Tukey) from a median line, with the mount's tolerances and the motor's evenness as priors.
     """
     if len(points_m) < _MIN_POINTS:
         return _no_stripe(mount, len(points_m))
@@ -185,11 +185,11 @@ class _Problem:
             speed = spline.derivative()(self.time)
             residual = fan_angle(solution[:4], self.points_m) - spline(self.time)
             sigma = self._sigma(residual, speed)
-            weights = _weights(residual / sigma, gentle=iteration < 8)
+            weights = np.clip(1.0 - (residual / (_TUKEY * sigma)) ** 2, 0.0, None) ** 2
             jacobian = self._jacobian(solution, residual, speed)
             covariance, step = self._step(solution, residual / sigma, jacobian / sigma[:, None], weights)
             solution = solution + step
-            if iteration > 12 and np.abs(jacobian @ step).max() < 1e-2 * np.median(sigma):
+            if iteration > 5 and np.abs(jacobian @ step).max() < 1e-2 * np.median(sigma):
                 break
         return solution, covariance, weights
 
@@ -244,13 +244,6 @@ def _basis(knots: Array, time: Array) -> Array:
 def _scale(values: Array) -> float:
     """Standard deviation of the bulk: 1.4826 times the median absolute value."""
     return 1.4826 * float(np.median(np.abs(values)))
-
-
-def _weights(ratio: Array, *, gentle: bool) -> Array:
-    """Huber's weights (2 sigma) while the start is uncertain, then Tukey's, which forget outliers."""
-    if gentle:
-        return np.asarray(2.0 / np.maximum(np.abs(ratio), 2.0))
-    return np.asarray(np.clip(1.0 - (ratio / _TUKEY) ** 2, 0.0, None) ** 2)
 
 
 def _median_line(time: Array, angle: Array) -> tuple[float, float]:

@@ -77,7 +77,7 @@ class Rig:
         """Depression angle of the plane at a time in frames: a slow drift and a ripple on an even motion."""
         middle = 0.5 * (self.frames - 1)
         t = np.asarray(time, float) - middle
-        t = t + self.unevenness * (9.0 / (2 * np.pi) * np.sin(2 * np.pi * t / 9.0 + 1.0) + 0.3 * t * t / middle)
+        t = t + self.unevenness * (9.0 / (2 * np.pi) * np.sin(2 * np.pi * t / 9.0 + 1.0) + 0.3 * t * t / (middle + 1))
         e = np.radians(self.elevation_deg)
         trace = self.frame_m * t * (-1 if self.reverse else 1)
         return np.arctan2(self.distance_m * np.sin(e), self.distance_m * np.cos(e) - trace)
@@ -140,9 +140,8 @@ class Rig:
         frames = np.empty((self.frames, *strength.shape))
         for index in range(self.frames):
             moments = index + np.array([-0.1, 0.0, 0.1])
-            frames[index] = np.mean(
-                [np.exp(-0.5 * (self._off(points, m) / self.sigma_m) ** 2) for m in moments], axis=0
-            )
+            offsets = np.stack([self._off(points, moment) for moment in moments]) / self.sigma_m
+            frames[index] = np.exp(-0.5 * offsets**2).mean(axis=0)
         return np.nan_to_num(frames * strength)
 
     def _off(self, points, time):

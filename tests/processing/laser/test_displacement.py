@@ -1,0 +1,135 @@
+"""Merging over laser locations, and the step from pixels to texels."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from processing.displacement import merge_displacements, tetrahedron_weights
+from processing.texel_range import texel_displacement
+
+
+def stack(seed, sweeps=5, shape=(12, 14)):
+    """Noisy views of one surface with different sigmas, a third of the samples missing."""
+    rng = np.random.default_rng(seed)
+    true = rng.uniform(0.0005, 0.004, shape)
+    sigma = rng.uniform(5e-6, 60e-6, (sweeps, *shape))
+    values = true + sigma * rng.normal(size=sigma.shape)
+    missing = rng.random(sigma.shape) < 0.33
+    return true, np.where(missing, np.nan, values), np.where(missing, np.nan, sigma**2)
+
+
+def test_merged_error_is_the_weighted_mean_s():
+    """Within 5 % of the bound 1 / sum(1 / variance), and the variance says so."""
+    true, values, variances = stack(1, shape=(150, 150))
+    merged = merge_displacements(values, variances)
+    found = merged.used > 0
+    error = (merged.displacement_m - true)[found]
+    assert 0.97 < np.sqrt(np.mean(error**2 / merged.variance_m2[found])) < 1.05
+    bound = 1 / np.nansum(1 / variances, axis=0)[found]
+    assert np.mean(error**2) < 1.05**2 * np.mean(bound)
+    assert np.nanmax(np.abs(merged.consistency - 1)) < 0.05
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=25, deadline=None)
+def test_order_of_sweeps_does_not_matter(seed):
+    _, values, variances = stack(seed)
+    order = np.random.default_rng(seed).permutation(len(values))
+    one, other = merge_displacements(values, variances), merge_displacements(values[order], variances[order])
+    np.testing.assert_allclose(one.displacement_m, other.displacement_m, rtol=1e-5)
+    np.testing.assert_array_equal(one.used, other.used)
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=25, deadline=None)
+def test_holes_are_where_nothing_was_measured(seed):
+    _, values, variances = stack(seed, sweeps=2)
+    merged = merge_displacements(values, variances)
+    np.testing.assert_array_equal(np.isnan(merged.displacement_m), np.isnan(values).all(axis=0))
+    np.testing.assert_array_equal(merged.used + merged.rejected, np.isfinite(values).sum(axis=0))
+
+
+def test_a_sweep_alone_passes_through():
+    _, values, variances = stack(3, sweeps=1)
+    merged = merge_displacements(values, variances)
+    np.testing.assert_allclose(merged.displacement_m, values[0], rtol=1e-6)
+    np.testing.assert_allclose(merged.variance_m2, variances[0], rtol=1e-6)
+
+
+def test_one_false_point_among_five_is_rejected():
+    true, values, variances = stack(4)
+    values[2, 3, 4], variances[2, 3, 4] = true[3, 4] + 0.002, 1e-10
+    values[:2, 3, 4], variances[:2, 3, 4] = true[3, 4], 1e-10
+    merged = merge_displacements(values, variances)
+    assert merged.rejected[3, 4] >= 1
+    assert merged.displacement_m[3, 4] == pytest.approx(true[3, 4], abs=1e-4)
+
+
+def test_two_that_contradict_say_so():
+    """Without a majority the variance covers the disagreement."""
+    merged = merge_displacements(np.array([[[0.001]], [[0.003]]]), np.full((2, 1, 1), 1e-10))
+    assert merged.variance_m2[0, 0] > 0.9 * 0.002**2
+
+
+def test_a_misplaced_laser_stands_out():
+    """A sweep 100 um off is several of its sigmas from the others, which stay near one."""
+    _, values, variances = stack(5, shape=(60, 60))
+    values[3] += 100e-6
+    consistency = merge_displacements(values, variances).consistency
+    assert np.argmax(consistency) == 3
+    assert consistency[3] > 2
+
+
+def test_tetrahedron_volumes():
+    """Source above, camera level, stripe along y: one metre of base, one of height, one of stripe: a sixth."""
+    weights = tetrahedron_weights(
+        np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [2.0, 0.0, 2.0]]), np.array([1.0, 0.0, 0.0])
+    )
+    np.testing.assert_allclose(weights, [1 / 6, 0.0, 1 / 3], atol=1e-12)
+
+
+def grid(shape, pitch_px, start):
+    rows, columns = np.indices(shape) * pitch_px
+    return np.stack([columns + start, rows + start], axis=-1).astype(float)
+
+
+@given(
+    slope=st.tuples(st.floats(-3e-4, 3e-4), st.floats(-3e-4, 3e-4)),
+    start=st.floats(4, 6),
+    pitch_px=st.floats(0.6, 3.0),
+)
+@settings(max_examples=25, deadline=None)
+def test_inclined_planes_come_through_exactly(slope, start, pitch_px):
+    rows, columns = np.indices((60, 60))
+    plane = 0.002 + slope[0] * (columns - 20) + slope[1] * (rows - 20)
+    uv_px = grid((12, 12), pitch_px, start)
+    value, variance = texel_displacement(plane, np.full(plane.shape, 1e-10), uv_px, 0.001 * pitch_px)
+    expected = 0.002 + slope[0] * (uv_px[..., 0] - 20) + slope[1] * (uv_px[..., 1] - 20)
+    np.testing.assert_allclose(value, expected, atol=3e-6)
+    assert np.all(variance > 0)
+
+
+def test_no_value_lies_between_two_surfaces():
+    """Across a cliff of 2 mm every texel is on one side or the other, and doubts itself where it could be either."""
+    columns = np.indices((40, 40))[1]
+    cliff = np.where(columns < 20, 0.001, 0.003)
+    uv_px = grid((17, 31), 1.0, 5.0) + np.array([0.37, 0.21])
+    value, variance = texel_displacement(cliff, np.full(cliff.shape, 1e-10), uv_px, 0.0005)
+    assert np.all(np.minimum(np.abs(value - 0.001), np.abs(value - 0.003)) < 30e-6)
+    away = np.abs(uv_px[..., 0] - 19.5) > 2
+    assert np.sqrt(variance[~away].max()) > 20 * np.sqrt(variance[away].max())
+
+
+def test_holes_stay_holes():
+    surface = np.full((40, 40), 0.002)
+    surface[10:20, 10:20] = np.nan
+    value, _ = texel_displacement(surface, np.full(surface.shape, 1e-10), grid((25, 25), 1.0, 5.0), 0.0005)
+    assert np.isnan(value[6:14, 6:14]).all()
+    assert np.isfinite(value[:3]).all()
+
+
+def test_texels_outside_the_image_are_holes():
+    surface = np.full((20, 20), 0.002)
+    value, _ = texel_displacement(surface, np.full(surface.shape, 1e-10), grid((8, 8), 1.0, 40.0), 0.0005)
+    assert np.isnan(value).all()

@@ -1,0 +1,125 @@
+"""Published laser recordings that nobody here made; skipped where they are absent."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from processing.depth_picture import depth_picture, write_point_cloud
+from processing.errors import CalibrationError, ImageError
+from processing.hand_sweep import laser_sweep, read_animation, read_intrinsics
+from processing.laser_chessboard import laser_chessboard
+
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+CHESSBOARD, SWEEP = DATA / "laser-chessboard", DATA / "laser-sweep"
+with_chessboard = pytest.mark.skipif(not CHESSBOARD.is_dir(), reason="shared data laser-chessboard is absent")
+with_sweep = pytest.mark.skipif(not SWEEP.is_dir(), reason="shared data laser-sweep is absent")
+
+
+@with_chessboard
+def test_chessboard_laser_is_the_published_plane():
+    """Rows to Steger's 0.11 px; the points scatter less than the published ones (0.50 mm), the planes agree."""
+    result = laser_chessboard(CHESSBOARD)
+    assert len(result.stripes) == 14
+    assert result.row_rms_px < 0.11
+    assert result.plane.rms_m < 0.25e-3
+    assert result.published_angle_rad < np.radians(0.5)
+    assert abs(result.published_distance_m) < 1e-3
+    assert result.angle_deviation_rad < np.radians(0.1)
+
+
+@with_chessboard
+@pytest.mark.parametrize("damage", ["truncated", "text", "small", "missing", "calibration"])
+def test_damaged_folder_is_named(tmp_path, damage):
+    shutil.copy(CHESSBOARD / "Calib_Results.mat", tmp_path)
+    original, image = CHESSBOARD / "image001.png", tmp_path / "image001.png"
+    if damage == "truncated":
+        image.write_bytes(original.read_bytes()[:50000])
+    elif damage == "text":
+        image.write_text("not a picture")
+    elif damage == "small":
+        Image.new("RGB", (64, 48)).save(image)
+    elif damage == "calibration":
+        (tmp_path / "Calib_Results.mat").chmod(0o644)
+        (tmp_path / "Calib_Results.mat").write_bytes(b"MATLAB 5.0 but not really" * 10)
+    with pytest.raises(ImageError, match=r"image001\.png|Calib_Results\.mat"):
+        laser_chessboard(tmp_path)
+
+
+@with_sweep
+def test_hand_sweep_agrees_with_its_own_references():
+    """Points timed on wall and table lie on the planes of the printed rectangles, within the camera's pixel (2 mm).
+
+    The intrinsics' own error (1.0 px rms) leaves the corner a few degrees off a right angle.
+    """
+    result = laser_sweep(SWEEP / "input.gif", SWEEP / "intrinsics.xml")
+    assert np.isfinite(result.depth_m).sum() > 2000
+    assert sum(plane is not None for plane in result.planes) >= 45
+    assert result.wall_rms_m < 3e-3
+    assert result.floor_rms_m < 3e-3
+    assert abs(result.corner_angle_rad - np.pi / 2) < np.radians(12)
+    mug = result.depth_m[120:160, 190:215]
+    assert np.nanmedian(mug) < np.nanmedian(result.depth_m[80:105, 150:180])  # the mug stands before the wall
+
+
+@with_sweep
+def test_truncated_animation_is_refused(tmp_path):
+    broken = tmp_path / "broken.gif"
+    broken.write_bytes((SWEEP / "input.gif").read_bytes()[:20000])
+    with pytest.raises(ImageError, match="broken"):
+        read_animation(broken)
+
+
+def test_files_that_are_no_sweep_are_refused(tmp_path):
+    text = tmp_path / "notes.gif"
+    text.write_text("no picture")
+    with pytest.raises(ImageError, match="notes"):
+        read_animation(text)
+    still = tmp_path / "still.gif"
+    Image.new("RGB", (32, 24)).save(still)
+    with pytest.raises(ImageError, match="ten or more"):
+        read_animation(still)
+    with pytest.raises(ImageError):
+        read_animation(tmp_path / "absent.gif")
+
+
+def test_scene_without_rectangles_is_refused(tmp_path):
+    frames = [Image.fromarray(np.full((60, 80, 3), 90 + k, np.uint8)) for k in range(12)]
+    frames[0].save(tmp_path / "grey.gif", save_all=True, append_images=frames[1:])
+    (tmp_path / "k.xml").write_text(
+        "<o><K><data>1000 0 640 0 1000 480 0 0 1</data></K><dist><data>0 0 0 0 0</data></dist></o>"
+    )
+    with pytest.raises(ImageError, match="rectangles"):
+        laser_sweep(tmp_path / "grey.gif", tmp_path / "k.xml")
+
+
+@pytest.mark.parametrize("content", ["", "<a/>", "<o><K><data>1 2</data></K></o>", "not xml"])
+def test_intrinsics_that_are_none_are_refused(tmp_path, content):
+    path = tmp_path / "k.xml"
+    path.write_text(content)
+    with pytest.raises(CalibrationError):
+        read_intrinsics(path, 1.0)
+
+
+def test_depth_picture_orders_depths():
+    picture = depth_picture(np.array([[0.5, 0.7], [0.9, np.nan]]))
+    assert picture.dtype == np.uint8
+    assert tuple(picture[1, 1]) == (0, 0, 0)
+    brightness = picture.astype(int).sum(axis=2)
+    assert brightness[0, 0] > brightness[0, 1] > brightness[1, 0] > 0
+    assert not depth_picture(np.full((3, 4), np.nan)).any()
+
+
+def test_point_cloud_is_read_by_others(tmp_path):
+    """trimesh reads back the finite points with their colours."""
+    trimesh = pytest.importorskip("trimesh")
+    points = np.array([[[0.1, 0.2, 0.3], [np.nan] * 3], [[0.4, 0.5, 0.6], [0.7, 0.8, 0.9]]])
+    colour = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
+    assert write_point_cloud(tmp_path / "p.ply", points, colour) == 3
+    cloud = trimesh.load(tmp_path / "p.ply")
+    np.testing.assert_allclose(cloud.vertices, points.reshape(-1, 3)[[0, 2, 3]], atol=1e-6)
+    np.testing.assert_array_equal(cloud.colors[:, :3], colour.reshape(-1, 3)[[0, 2, 3]])
+    with pytest.raises(ImageError, match="no measured point"):
+        write_point_cloud(tmp_path / "q.ply", np.full((2, 3), np.nan), colour)

@@ -1,0 +1,127 @@
+"""The planes of a sweep: from points on two heights to a laser's place, with a covariance that is true."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from processing.fan import fan_angle, fan_distance, fan_gradient, fan_source
+from processing.holder import opening, reference_region
+from processing.laser_plane import SweepStatus, fit_sweep
+from tests.reference.stripe_rig import HOLDER, Rig, camera_at, flat
+
+RIG = Rig(camera_at(60), flat(0.002))
+TRUE = np.array([np.radians(RIG.elevation_deg), RIG.distance_m, np.radians(RIG.azimuth_deg), 0.0])
+
+
+def reference(rig):
+    """Points of the white frame and the moments at which the true plane holds them."""
+    region = reference_region(rig.camera, rig.rig_from_sample, HOLDER, rig.source)
+    points = region.points_m[region.height > 0]
+    moments = np.linspace(0, rig.frames - 1, 20001)
+    fans = rig.fan(moments)
+    order = np.argsort(fans)
+    times = np.interp(fan_angle(TRUE, points), fans[order], moments[order], left=np.nan, right=np.nan)
+    return points[np.isfinite(times)], times[np.isfinite(times)]
+
+
+def test_reference_points_are_where_the_rays_hit():
+    """Every pixel of the region sees the holder at the point that it claims."""
+    for rig in (RIG, replace(RIG, turntable_deg=30.0, camera=camera_at(25)), replace(RIG, camera=camera_at(88))):
+        region = reference_region(rig.camera, rig.rig_from_sample, HOLDER, rig.source)
+        hits, _ = rig.hits()
+        chosen = region.height > 0
+        assert (region.height == 1).sum() > 200
+        assert (region.height == 2).sum() > 200
+        np.testing.assert_allclose(region.points_m[chosen], hits[chosen], atol=1e-8)
+        assert rig.lit(hits)[chosen].all()
+        assert not (chosen & opening(rig.camera, rig.rig_from_sample, HOLDER)).any()
+
+
+def test_gradient_of_the_fan_angle():
+    points = np.array([[0.01, -0.02, 0.0], [-0.04, 0.03, -0.008]])
+    step = 1e-6
+    for index, slope in enumerate(fan_gradient(TRUE, points).T):
+        moved = TRUE.copy()
+        moved[index] += step
+        np.testing.assert_allclose(
+            (fan_angle(moved, points) - fan_angle(TRUE, points)) / step, slope, rtol=1e-3, atol=1e-4
+        )
+
+
+def test_fan_is_the_plane_through_source_and_point():
+    source, level, up = fan_source(TRUE)
+    np.testing.assert_allclose(source, RIG.source, atol=1e-12)
+    point = np.array([0.02, 0.01, -0.003])
+    angle = fan_angle(TRUE, point)
+    normal = np.sin(angle) * level - np.cos(angle) * up
+    assert abs((point - source) @ normal) < 1e-12
+    assert fan_distance(TRUE, point) == pytest.approx(0.8, abs=0.03)
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_true_laser_is_found_within_its_uncertainty(reverse):
+    """Four noisy sweeps: the mean square of 16 normalised errors stays under 2.56, chi-square's 99.95 % quantile."""
+    rig = replace(RIG, reverse=reverse)
+    points, times = reference(rig)
+    rng = np.random.default_rng(5)
+    ratios, sigma = [], 0.01
+    for _ in range(4):
+        noise = rng.normal(0, sigma, times.size)
+        sweep = fit_sweep(points, times + noise, np.full(times.size, sigma**2), rig.mount)
+        assert sweep.status == SweepStatus.OK
+        ratios.append((sweep.fan - TRUE) / sweep.deviation)
+    assert np.mean(np.square(ratios)) < 2.56
+
+
+def test_planes_between_frames_hold_the_true_points():
+    points, times = reference(RIG)
+    sweep = fit_sweep(points, times, np.full(times.size, 1e-6), RIG.mount)
+    inside = (times > sweep.first) & (times < sweep.last)
+    normal, offset = sweep.planes(times)
+    off_m = np.einsum("ij,ij->i", normal, points) - offset
+    assert np.abs(off_m[inside]).max() < 3e-6  # a ripple of 36 um amplitude, followed to less than a tenth
+    assert np.isnan(sweep.planes(np.array([-5.0, 200.0]))[1]).all()
+
+
+def test_a_fifth_of_wrong_times_changes_nothing():
+    points, times = reference(RIG)
+    rng = np.random.default_rng(2)
+    noisy = times + rng.normal(0, 0.01, times.size)
+    wrong = rng.random(times.size) < 0.2
+    clean = fit_sweep(points[~wrong], noisy[~wrong], np.full((~wrong).sum(), 1e-4), RIG.mount)
+    noisy[wrong] = rng.uniform(5, 90, wrong.sum())
+    dirty = fit_sweep(points, noisy, np.full(times.size, 1e-4), RIG.mount)
+    assert dirty.outliers >= 0.9 * wrong.sum()
+    assert np.all(np.abs(dirty.fan - clean.fan) < 2 * clean.deviation)
+
+
+def test_unexplained_scatter_is_found():
+    """Times that scatter more than they say make the planes' variance say so."""
+    points, times = reference(RIG)
+    rng = np.random.default_rng(2)
+    sweep = fit_sweep(points, times + rng.normal(0, 0.05, times.size), np.full(times.size, 1e-4), RIG.mount)
+    rate = abs(float(sweep.spline.derivative()(48.0)))
+    assert sweep.excess_rad == pytest.approx(np.sqrt(0.05**2 - 0.01**2) * rate, rel=0.1)
+
+
+def test_one_height_keeps_the_nominal_laser():
+    points, times = reference(RIG)
+    upper = points[:, 2] > -1e-6
+    sweep = fit_sweep(points[upper], times[upper], np.full(upper.sum(), 1e-4), RIG.mount)
+    assert sweep.status == SweepStatus.ONE_HEIGHT
+    assert sweep.deviation[0] > 0.5 * RIG.mount.elevation_tolerance_rad
+
+
+@pytest.mark.parametrize("count", [0, 1, 30])
+def test_too_few_points_are_a_status(count):
+    points, times = reference(RIG)
+    sweep = fit_sweep(points[:count], times[:count], np.full(count, 1e-4), RIG.mount)
+    assert sweep.status == SweepStatus.NO_STRIPE
+    assert np.isnan(sweep.planes(np.array([1.0]))[1]).all()
+
+
+def test_a_standing_stripe_is_a_status():
+    points, times = reference(RIG)
+    sweep = fit_sweep(points, np.full(times.size, 12.0), np.full(times.size, 1e-4), RIG.mount)
+    assert sweep.status == SweepStatus.NO_STRIPE

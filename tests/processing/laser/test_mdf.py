@@ -1,0 +1,79 @@
+"""The MDF of a bump from two views and three laser locations, against the marched truth at its texels."""
+
+import numpy as np
+import pytest
+
+from processing import geometry
+from processing.errors import ImageError
+from processing.mdf import Sweep, Weighting, mdf_from_sweeps
+from tests.reference.stripe_rig import HOLDER, SENSOR, Rig, bump, camera_at, shoot
+
+TEXELS = 32
+VIEWS = ((60.0, 0.0), (75.0, 90.0))  # elevation, turntable in degrees
+LASERS = (40.0, -70.0, 160.0)
+
+
+@pytest.fixture(scope="module")
+def sweeps():
+    return [
+        Sweep(f"{elevation} {turn}", shoot(rig, seed)[0], SENSOR, rig.camera, rig.rig_from_sample, rig.mount)
+        for elevation, turn in VIEWS
+        for seed, rig in enumerate(Rig(camera_at(elevation), bump, turn, azimuth) for azimuth in LASERS)
+    ]
+
+
+@pytest.fixture(scope="module")
+def result(sweeps):
+    return mdf_from_sweeps(sweeps, HOLDER, TEXELS)
+
+
+def truth(elevation, turn):
+    """Displacement along the rays through the texels, by bisection on the bump, which hides nothing of itself here."""
+    rig = Rig(camera_at(elevation), bump, turn)
+    start = geometry.transform_points(rig.rig_from_sample, geometry.texel_grid(TEXELS, HOLDER.sample_m))
+    rays = start - rig.camera.centre_m
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    low, high = np.zeros(start.shape[:2]), 0.0042 / -rays[..., 2]
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        x, y, z = np.moveaxis(rig.local(start + middle[..., None] * rays), -1, 0)
+        above = z > bump(x, y)
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return high
+
+
+def test_mdf_is_the_surface(sweeps, result):
+    """Half of the texels within one step of the 8-bit code (4 mm / 255), nine of ten within three; few holes."""
+    mdf, views = result
+    assert [view.view for view in views] == [sweeps[0].view, sweeps[3].view]
+    for sheet, variance, view in zip(mdf.displacement_m, mdf.variance_m2, VIEWS, strict=True):
+        error = sheet - truth(*view)
+        assert np.isfinite(error).mean() > 0.97
+        found = np.abs(error[np.isfinite(error)])
+        assert np.median(found) < 16e-6
+        assert np.percentile(found, 90) < 48e-6
+        inner = np.isfinite(error)
+        ratio = error[inner] / np.sqrt(variance[inner])
+        assert 0.3 < np.sqrt(np.mean(ratio**2)) < 1.3  # at curved places the variance is on the safe side
+
+
+def test_view_directions_turn_against_the_table(result):
+    for direction, (elevation, turn) in zip(result[0].view_directions, VIEWS, strict=True):
+        e, a = np.radians(elevation), np.radians(-turn)
+        expected = (np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e))
+        np.testing.assert_allclose(direction, expected, atol=1e-9)
+
+
+def test_variances_weigh_better_than_volumes(sweeps, result):
+    """On the same sweeps inverse variances predict the smaller error at almost every pixel, and have it."""
+    papers, views = mdf_from_sweeps(sweeps[:3], HOLDER, TEXELS, Weighting.TETRAHEDRON)
+    ours = result[1][0].merged
+    both = (ours.used > 1) & (views[0].merged.used == ours.used)
+    assert np.mean(ours.variance_m2[both] <= 1.0001 * views[0].merged.variance_m2[both]) > 0.99
+    error, theirs = (np.abs(mdf.displacement_m[0] - truth(*VIEWS[0])) for mdf in (result[0], papers))
+    assert np.nanmedian(error) < 1.02 * np.nanmedian(theirs)
+
+
+def test_no_sweeps_are_refused():
+    with pytest.raises(ImageError):
+        mdf_from_sweeps([], HOLDER, 8)

@@ -19,12 +19,11 @@ def gradient_frames(normal: Rows, map_from_world: Rows) -> tuple[Float64, Float6
     """Texture coordinates (n, 2) and rows t, b, n (n, 3, 3) in the world frame, of a captured sphere.
 
     Both follow from the normal in the map's frame, as processing.products defines them. Beyond the map, where p or q
-    leaves [-1, 1], the map is mirrored once, up to 3, and with it the frame: nothing was measured there.
+    leaves [-1, 1], the map is mirrored once, up to 3: nothing was measured there. The frame is not mirrored with it, so
+    that the residual, and with it the colour, goes over the border without a step.
     """
     n = unit(normal) @ np.asarray(map_from_world, dtype=np.float64).T
     facing = n.copy()
     facing[:, 2] = np.minimum(n[:, 2], -1e-4)
     endless = np.clip(sphere_uv(facing), -1.0, 2.0)
-    frames = tangent_frames(n)
-    frames[:, :2] *= np.where((endless < 0.0) | (endless > 1.0), -1.0, 1.0)[:, :, None]
-    return 1.0 - np.abs(1.0 - np.abs(endless)), np.asarray(frames @ map_from_world)
+    return 1.0 - np.abs(1.0 - np.abs(endless)), np.asarray(tangent_frames(n) @ map_from_world)

@@ -31,14 +31,13 @@ def upload(context: moderngl.Context, srf: Srf) -> Binding:
 def repeating(srf: Srf) -> Srf:
     """A map that ends, such as a sphere's, as a texture that repeats: mirrored at every border, so that values meet.
 
-    Four times the texels. A mirror turns t or b round, and the residual's component with it.
+    Four times the texels. The residual vectors are mirrored in place but not turned round: a mirrored bump would want
+    that, but it would tear the colour at every border, and lights on one circle measure the colour better than the bump.
     """
     if srf.wrap:
         return srf
-    right = srf.residual[:, :, ::-1] * np.array([-1.0, 1.0, 1.0], dtype=np.float32)
-    row = np.concatenate([srf.residual, right], axis=2)
-    below = row[:, ::-1] * np.array([1.0, -1.0, 1.0], dtype=np.float32)
-    return replace(srf, residual=np.concatenate([row, below], axis=1), wrap=True)
+    row = np.concatenate([srf.residual, srf.residual[:, :, ::-1]], axis=2)
+    return replace(srf, residual=np.concatenate([row, row[:, ::-1]], axis=1), wrap=True)
 
 
 def outgoing(srf: Srf, uv: Rows, light: Rows, view: Rows) -> Float64:

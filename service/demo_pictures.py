@@ -37,7 +37,9 @@ def frames(sessions: dict[str, Session]) -> tuple[Picture, ...]:
     pictures = []
     for kind, session in sessions.items():
         records = session.frames()
-        record = records[len(records) // 2]
+        shortest_s = min(record.exposure_s for record in records)
+        unsaturated = [record for record in records if record.exposure_s == shortest_s]
+        record = unsaturated[len(unsaturated) // 2]
         path = session.folder.parent / f"frame-{kind}.png"
         path.write_bytes(frame_png(record.path))
         pictures.append(Picture(path, f"{kind}: {record.camera}, step {record.step.id}"))

@@ -15,13 +15,13 @@ from PIL import Image
 
 from processing.formats.raw import read_raw
 from processing.laser_chessboard import BoardStripe
-from processing.radiometry import demosaic, tonemap
+from processing.radiometry import demosaic, srgb8
 
-DISPLAY_PX = 320
+BRIGHT_PERCENTILE = 99.5  # of a frame becomes white
 
 
 def frame_png(path: Path) -> bytes:
-    """A frame as PNG bytes: a raw file tone-mapped in colour, of a burst the brightest moment of every pixel."""
+    """A frame as PNG bytes: a raw file in colour, of a burst the brightest moment of every pixel."""
     picture = _burst(path) if path.is_dir() else _raw(path)
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "PNG")
@@ -75,10 +75,11 @@ def _raw(path: Path) -> NDArray[np.uint8]:
     raw = read_raw(path)
     signal = raw.mosaic.astype(np.float32) - raw.sensor.black_dn
     colour, _ = demosaic(signal, np.ones_like(signal), raw.cfa)
-    return tonemap(colour * raw.white_balance)
+    balanced = colour * raw.white_balance
+    return srgb8(balanced / max(float(np.percentile(balanced, BRIGHT_PERCENTILE)), 1.0))
 
 
 def _burst(path: Path) -> NDArray[np.uint8]:
     brightest = np.asarray(zarr.open_array(store=path, mode="r")[:]).max(axis=0).astype(np.float64)
-    low, high = np.percentile(brightest, (1, 99.8))
+    low, high = np.percentile(brightest, (1, BRIGHT_PERCENTILE))
     return np.asarray(255 * np.clip((brightest - low) / max(high - low, 1.0), 0, 1), np.uint8)

@@ -32,7 +32,7 @@ def repeating(srf: Srf) -> Srf:
     """A map that ends, such as a sphere's, as a texture that repeats: mirrored at every border, so that values meet.
 
     Four times the texels. The residual vectors are mirrored in place but not turned round: a mirrored bump would want
-    that, but it would tear the colour at every border, and lights on one circle measure the colour better than the bump.
+    that, but it would tear the colour at every border, and lights on one circle measure colour better than bumps.
     """
     if srf.wrap:
         return srf

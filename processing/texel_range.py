@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_SIGMA_PX = 0.6  # of the kernel, or _SIGMA_TEXEL of a texel where that is larger
+_SIGMA_PX = 0.5  # of the kernel, or _SIGMA_TEXEL of a texel where that is larger
 _SIGMA_TEXEL = 0.25
 _REACH = 2.5  # sigmas of the kernel
-_ROUGHNESS_M = 20e-6  # of the surface within a kernel, about a plane
+_NEAR = 1.9  # sigmas within which a pixel must lie: any texel between four measured ones has one
+_ROUGHNESS_M = 40e-6  # of the surface within a kernel, about a plane
 _SLOPE = 1.0  # displacement per distance on the plane that still counts as one surface
 _CHUNK = 16384
 
@@ -58,7 +59,8 @@ def _interpolate(values: Array, variances: Array, places: Array, sigma_px: Array
     surface = np.abs(value - middle[:, None]) < 4.0 * np.sqrt(noise) + _SLOPE * distance_m
     other = np.where(surface, 0.0, weight)
     weight = np.where(surface, weight, 0.0)
-    near = np.where(weight > 0.0, ((offset / sigma_px) ** 2).sum(axis=-1), np.inf).min(axis=1) < 2.0
+    apart = np.where(weight > 0.0, ((offset / sigma_px) ** 2).sum(axis=-1), np.inf).min(axis=1)
+    near = apart < _NEAR**2
     result = _plane(offset, value, weight, noise, _SLOPE * pixel_m)
     result[:, 1] += _doubt(value, weight, other, result[:, 0])
     return np.where(near[:, None], result, np.nan)

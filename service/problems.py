@@ -1,5 +1,7 @@
 """One table from exception class to what a person or a program is told: HTTP status, stable code, exit code."""
 
+import errno
+import os
 from dataclasses import dataclass
 
 from processing.errors import CalibrationError, ImageError, ProcessingError
@@ -30,7 +32,7 @@ EXIT_CODES = {
     2: "the input is wrong: option, file, plan or image; nothing was moved",
     3: "a device or its wire failed; the rig was made safe, the session can be resumed",
     4: "busy, or not possible in this state",
-    5: "storage: disk full, frame missing, session unreadable",
+    5: "storage: disk full, frame missing, session or file unusable",
     130: "interrupted; the rig was made safe, the session can be resumed",
 }
 
@@ -71,6 +73,23 @@ PROBLEMS: dict[type[Exception], Problem] = {
 }
 
 
+UNUSABLE_FILE = Problem(422, "unusable-file", 5)  # a path that cannot be opened, made or written
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
 def problem_of(error: BaseException) -> Problem | None:
     """The problem that reports this error; None for what is a defect and not a problem of the user's."""
+    if _is_full(error):
+        return PROBLEMS[DiskFullError]
+    if isinstance(error, OSError) and error.filename is not None:
+        return UNUSABLE_FILE
     return next((PROBLEMS[kind] for kind in type(error).__mro__ if kind in PROBLEMS), None)
+
+
+def _is_full(error: BaseException) -> bool:
+    """Whether a full disk is at the bottom of it; OpenEXR passes the system's text on and not its number."""
+    if isinstance(error, OSError) and error.errno in _FULL:
+        return True
+    if error.__cause__ is None:
+        return os.strerror(errno.ENOSPC) in str(error)
+    return _is_full(error.__cause__)

@@ -18,6 +18,7 @@ from render.showcase import write_showcase
 from render.srf import repeating
 
 ANIMATED = {".webp", ".gif", ".apng"}
+STILL = {".png", ".jpg", ".jpeg", ".tif", ".tiff"}
 FRAMES = 24
 
 
@@ -54,6 +55,8 @@ def draw_product(product: Path, out: Path, shape: str, light_deg: tuple[float, f
     if not out.suffix:
         galleries = write_showcase(load_material(product), out, size=(size, size))
         return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
+    if out.suffix not in ANIMATED | STILL:
+        raise ImageError(f"{out}: a picture is .png or .jpg, a moving light .webp or .gif; no suffix means a folder.")
     material, mesh = shape_for(load_material(product), shape)
     scene = scene_of(material, mesh, light_deg, size)
     with Preview((size, size)) as preview:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from processing.errors import ImageError
 from processing.formats import exif
@@ -29,6 +29,8 @@ def read_photo(path: Path) -> Photograph:
         content = path.read_bytes()
         with Image.open(io.BytesIO(content)) as image:
             srgb8 = np.asarray(image.convert("RGB"))
+    except UnidentifiedImageError as error:
+        raise ImageError(f"{path}: not a picture, or of an unknown format. Copy it again, or leave it out.") from error
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise ImageError(f"{path}: not a readable picture ({error}). Copy it again, or leave it out.") from error
     tags = exif.read_tags(content)

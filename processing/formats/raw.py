@@ -52,6 +52,7 @@ def read_raw(source: Path | bytes) -> RawImage:
     name = "frame" if isinstance(source, bytes) else str(source)
     content = source if isinstance(source, bytes) else _read(source)
     tags = exif.read_tags(content)
+    _check_whole(name, content, tags)
     try:
         with rawpy.imread(io.BytesIO(content)) as raw:
             return _raw_image(raw, tags)
@@ -68,6 +69,16 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise ImageError(f"{path}: cannot be read: {error.strerror}.") from error
+
+
+def _check_whole(name: str, content: bytes, tags: dict[str, Any]) -> None:
+    """Refuse a file that was cut off before LibRaw does, which also writes about it to standard error."""
+    starts, counts = tags.get("StripOffsets"), tags.get("StripByteCounts")
+    if not isinstance(starts, list) or not isinstance(counts, list):
+        return
+    end = max((start + count for start, count in zip(starts, counts, strict=False)), default=0)
+    if end > len(content):
+        raise ImageError(f"{name}: truncated: {len(content)} bytes where {end} are promised. Copy or take it again.")
 
 
 def _text(error: Exception) -> str:

@@ -31,7 +31,10 @@ class DirectionMesh:
         try:
             triangles = Delaunay(directions[:, :2]).simplices.astype(np.int32)
         except (QhullError, ValueError) as error:
-            raise ImageError(f"{len(directions)} directions do not span an area of the disc") from error
+            raise ImageError(
+                f"{len(directions)} directions do not span an area of the disc: three or more, not on one line, are "
+                "needed of lights and of views alike."
+            ) from error
         return cls(directions, triangles, _cell_table(directions[:, :2], triangles))
 
     def weights(self, direction: Float64) -> tuple[Int32, Float64]:

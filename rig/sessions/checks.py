@@ -15,7 +15,7 @@ from rig.sessions.mosaic import Mosaic, decode, noise_profile
 from rig.sessions.plan import EXPOSURE_STEP_S
 from rig.sessions.step import Step
 
-EXPOSURE_TOLERANCE = 0.01  # relative; a bracket's neighbour differs by far more
+EXPOSURE_TOLERANCE = 0.02  # relative: cameras round their shutter times; a bracket's neighbour differs by far more
 LIT_QUANTILE = 0.995  # hot pixels are rarer than 1 in 200, a laser's stripe is more frequent
 LIT_SIGMA = 5.0  # of read noise; without light that quantile lies at 2.6 sigma
 MOSTLY = 0.5

@@ -1,9 +1,4 @@
-"""From a plan to ordered steps that this rig can take; everything is checked before anything moves.
-
-An axis runs straight from one angle to the next, so a path lies within the soft limits where both of its ends do, and a
-forbidden zone is one in which nothing may stand: passing through is harmless, because arms and arcs of different radius
-cannot touch and no picture is taken on the way.
-"""
+"""From a plan to ordered steps that this rig can take; every angle and way is checked before anything moves."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping

@@ -1,4 +1,10 @@
-"""Which angles an axis may take, from rig.toml alone: nothing is asked of a device, nothing moves."""
+"""Which angles an axis may take, from rig.toml alone: nothing is asked of a device, nothing moves.
+
+An axis runs straight from one angle to the next. Its path lies within the soft limits where both ends do. In a
+forbidden zone nothing may stand, but an axis may pass through it on its way. A collision zone may not even be passed:
+what lies behind one, as seen from the reference position, cannot be reached, and between any two angles that can be
+reached the way is free.
+"""
 
 from collections.abc import Iterator
 
@@ -21,12 +27,11 @@ def reachable_deg(name: str, axis: AxisConfig, wanted_deg: float) -> float:
             f"{name}: {wanted_deg:g} deg is outside {axis.min_deg:g} to {axis.max_deg:g} deg, also by whole turns; "
             f"nothing was moved. Limits are set in rig.toml, [axes.{name}]."
         )
-    free = [angle for angle in within if not _forbidden(axis, angle)]
+    free = [angle for angle in within if _obstacle(axis, angle) is None]
     if not free:
-        low_deg, high_deg = next(zone for zone in axis.forbidden_deg if _inside(zone, within[0]))
         raise InterlockError(
-            f"{name}: {wanted_deg:g} deg is forbidden ({low_deg:g} to {high_deg:g} deg): there it would block the view "
-            f"or touch another part; nothing was moved. Forbidden zones are set in rig.toml, [axes.{name}]."
+            f"{name}: {wanted_deg:g} deg {_obstacle(axis, within[0])}; nothing was moved. "
+            f"Zones are set in rig.toml, [axes.{name}]."
         )
     return free[0]
 
@@ -38,7 +43,7 @@ def standby_deg(name: str, axis: AxisConfig) -> float:
     """
     for distance in range(int(_FULL_TURN_DEG)):
         for angle in (float(distance), float(-distance)):
-            if axis.min_deg <= angle <= axis.max_deg and not _forbidden(axis, angle):
+            if axis.min_deg <= angle <= axis.max_deg and _obstacle(axis, angle) is None:
                 return angle + 0.0
     return reachable_deg(name, axis, 0.0)
 
@@ -52,10 +57,17 @@ def _equivalents(axis: AxisConfig, wanted_deg: float) -> Iterator[float]:
     yield from sorted((round(angle, 6) + 0.0 for angle in others), key=lambda angle: (abs(angle), angle))
 
 
-def _forbidden(axis: AxisConfig, angle_deg: float) -> bool:
-    return any(_inside(zone, angle_deg) for zone in axis.forbidden_deg)
+def _obstacle(axis: AxisConfig, angle_deg: float) -> str | None:
+    """Why the axis may not go to this angle; None where it may."""
+    for zone in axis.forbidden_deg:
+        if _meets(zone, angle_deg, angle_deg):
+            return f"is forbidden ({zone[0]:g} to {zone[1]:g} deg), because there it would block the view"
+    for zone in axis.collision_deg:
+        if _meets(zone, min(angle_deg, 0.0), max(angle_deg, 0.0)):
+            return f"cannot be reached: the way leads into a collision at {zone[0]:g} to {zone[1]:g} deg"
+    return None
 
 
-def _inside(zone: tuple[float, float], angle_deg: float) -> bool:
+def _meets(zone: tuple[float, float], low_deg: float, high_deg: float) -> bool:
     """Both ends count as inside: nobody wants to stand on the edge of a collision."""
-    return zone[0] - _DUST_DEG <= angle_deg <= zone[1] + _DUST_DEG
+    return high_deg >= zone[0] - _DUST_DEG and low_deg <= zone[1] + _DUST_DEG

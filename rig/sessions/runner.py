@@ -203,8 +203,8 @@ class Runner:
     def _mount(self, step: Step) -> None:
         if step.mount is None or step.mount == self._mounted:
             return
+        begun_s, waited_s = self._tick(), self._waited_s
         self._devices.calm()
-        begun_s = self._tick()
         self._wait_state()
         asked = ", ".join(f"{key} {value}" for key, value in step.mount.items())
         self._progress.say("mount", f"mount: {asked}", step.id)
@@ -212,7 +212,7 @@ class Runner:
         self._mounted = step.mount
         self._machine.apply(Action.MOUNTED)
         self._progress.say("mount", f"mounted: {asked}", step.id)
-        self._waited_s += self._tick() - begun_s
+        self._waited_s = waited_s + self._tick() - begun_s
         self._check_halt()
 
     def _wait_state(self) -> None:
@@ -226,9 +226,9 @@ class Runner:
     def _hold(self) -> None:
         """Between two steps: the place where pauses and stops take effect."""
         while self.state in (State.PAUSING, State.PAUSED):
+            begun_s = self._tick()
             self._devices.calm()
             self._writer.drain()
-            begun_s = self._tick()
             try:
                 self._machine.apply(Action.HOLD)
             except StateError:

@@ -16,6 +16,7 @@ from tests.rig.sessions.fake_rig import PLANS, config
 from tests.rig.sessions.test_plan import EXAMPLES, changed
 
 CONFIG = config()
+ONE = {"laser_azimuth_deg": [45], "laser_elevations_deg": [35]}
 ANGLES = st.lists(st.integers(-1795, 1800).map(lambda tenths: tenths / 10), min_size=1, max_size=5, unique=True)
 
 
@@ -131,6 +132,32 @@ def test_an_angle_out_of_range_is_taken_by_whole_turns():
     steps = steps_of(changed("mdf", turntable_deg=[270], laser_azimuth_deg=[225]))
     assert {round(degrees(step.axes_rad["turntable"])) for step in steps} == {-90}
     assert {round(degrees(step.axes_rad["light_arc"])) for step in steps} == {-135}
+
+
+def with_collision(low_deg, high_deg):
+    axes = CONFIG.model_dump()["axes"]
+    return config(axes={**axes, "turntable": {**axes["turntable"], "collision_deg": [[low_deg, high_deg]]}})
+
+
+def test_an_angle_behind_a_collision_is_taken_from_the_other_side_or_refused():
+    """A cable that may not be wound past 100 deg: 170 deg is -190 deg, and 120 deg cannot be."""
+    settings = with_collision(100, 110)
+    (step,) = expand(parse_plan(changed("mdf", turntable_deg=[170], **ONE)), settings)
+    assert degrees(step.axes_rad["turntable"]) == pytest.approx(-190)
+    with pytest.raises(InterlockError, match=r"turntable: 120 deg .*collision at 100 to 110 deg"):
+        expand(parse_plan(changed("mdf", turntable_deg=[120], **ONE)), settings)
+
+
+@given(st.lists(st.integers(-180, 179), min_size=1, max_size=6, unique=True), st.integers(20, 150))
+@settings(max_examples=30, deadline=None)
+def test_no_way_leads_into_a_collision(angles, low):
+    data = parse_plan(changed("mdf", turntable_deg=angles, **ONE))
+    try:
+        steps = expand(data, with_collision(low, low + 5))
+    except InterlockError:
+        return
+    way = [0.0, *(degrees(step.axes_rad["turntable"]) for step in steps)]
+    assert all(max(pair) < low or min(pair) > low + 5 for pair in pairwise(way))
 
 
 def test_axes_that_a_plan_does_not_use_stand_out_of_the_way():

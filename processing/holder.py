@@ -17,7 +17,7 @@ class Holder:
     """Square holder around the turntable axis, sample frame, metres.
 
     Opening of side `sample_m`; white frame at z = 0 out to side `inner_m`, at z = -`step_m` from there to `outer_m`.
-    The sample lies in the opening between z = -`depth_m` and 0.
+    The sample lies in the opening between z = -`depth_m` and 0. Texels leave out `margin_m` along its edge.
     """
 
     sample_m: float
@@ -25,6 +25,12 @@ class Holder:
     outer_m: float
     step_m: float
     depth_m: float
+    margin_m: float = 0.0
+
+    @property
+    def texels_m(self) -> float:
+        """Side of the square that the texels divide."""
+        return self.sample_m - 2 * self.margin_m
 
 
 @dataclass(frozen=True)

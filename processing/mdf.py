@@ -80,7 +80,7 @@ def mdf_from_sweeps(
     weighting: Weighting = Weighting.VARIANCE,
     settings: PulseSettings | None = None,
 ) -> tuple[Mdf, tuple[ViewResult, ...]]:
-    """MDF (view, y, x) over the holder's opening, and what became of each view, in the order in which views appear.
+    """MDF (view, y, x) over the holder's texels, and what became of each view, in the order in which views appear.
 
     Sweeps are taken one by one, so frames may be read as they are needed. A view direction is that of the camera from
     the sample's centre, in the sample frame. Texels that no laser location reached are NaN.
@@ -96,7 +96,7 @@ def mdf_from_sweeps(
     sheets = [view_texels(m.merged, views[m.view][0].sweep, holder, texels) for m in merged]
     directions = np.stack([_view_direction(views[m.view][0].sweep) for m in merged])
     displacement, variance = (np.stack([sheet[i] for sheet in sheets]) for i in (0, 1))
-    return Mdf(displacement, variance, directions, holder.sample_m), merged
+    return Mdf(displacement, variance, directions, holder.texels_m), merged
 
 
 def measure_sweep(sweep: Sweep, holder: Holder, settings: PulseSettings | None = None) -> SweepResult:
@@ -127,9 +127,9 @@ def view_texels(
     merged: Merged, sweep: Sweep, holder: Holder, texels: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Displacement and variance (n, n) of a view on the sample's texel grid (row 0 at +Y)."""
-    grid = geometry.transform_points(sweep.rig_from_sample, geometry.texel_grid(texels, holder.sample_m))
+    grid = geometry.transform_points(sweep.rig_from_sample, geometry.texel_grid(texels, holder.texels_m))
     uv_px = sweep.camera.project(grid)
-    return texel_displacement(merged.displacement_m, merged.variance_m2, uv_px, holder.sample_m / texels)
+    return texel_displacement(merged.displacement_m, merged.variance_m2, uv_px, holder.texels_m / texels)
 
 
 def _view_direction(sweep: Sweep) -> Array:

@@ -24,11 +24,17 @@ class SampleHolder(_Model):
     """
 
     sample_mm: float = Field(gt=0)  # side of the square opening
+    margin_mm: float = Field(ge=0, default=0.0)  # of the sample that the texels leave out along the opening's edge
     inner_mm: float = Field(gt=0)  # outer side of the upper frame
     outer_mm: float = Field(gt=0)  # outer side of the lower frame
     step_mm: float = Field(gt=0)
     sample_depth_mm: float = Field(gt=0)  # the sample lies between z = -sample_depth_mm and 0
     white_reflectance: float = Field(gt=0, le=1)  # albedo of the frame, the same in all channels
+
+    @property
+    def texels_mm(self) -> float:
+        """Side of the square that the texels divide."""
+        return self.sample_mm - 2 * self.margin_mm
 
 
 class BoardConfig(_Model):

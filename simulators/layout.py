@@ -20,6 +20,7 @@ class HolderLayout:
     """The stepped white frame and the box in which the sample lies."""
 
     opening_m: float = 0.060  # side of the square opening
+    margin_m: float = 0.003  # of the sample beside the opening's edge, which the texels leave out
     upper_m: float = 0.076  # outer side of the frame at z = 0
     lower_m: float = 0.100  # outer side of the frame at z = -step_m
     step_m: float = 0.008
@@ -201,6 +202,7 @@ class Layout:
         return [
             "[holder]",
             f"sample_mm = {_mm(holder.opening_m)}",
+            f"margin_mm = {_mm(holder.margin_m)}",
             f"inner_mm = {_mm(holder.upper_m)}",
             f"outer_mm = {_mm(holder.lower_m)}",
             f"step_mm = {_mm(holder.step_m)}",

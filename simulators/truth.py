@@ -202,8 +202,8 @@ class Truth:
         return cameras[name]
 
     def _texels(self, texels: int, samples: int) -> Array:
-        """Points (texels^2 * samples^2, 3) of the sample square at z = 0, sample frame, texel by texel, row 0 at +y."""
-        side_m = self._studio.layout.holder.opening_m
+        """Points (texels^2 * samples^2, 3) of the texels at z = 0, sample frame, texel by texel, row 0 at +y."""
+        side_m = self._studio.layout.holder.opening_m - 2 * self._studio.layout.holder.margin_m
         inside = (np.arange(samples) + 0.5) / samples
         row, col, down, right = np.meshgrid(np.arange(texels), np.arange(texels), inside, inside, indexing="ij")
         x, y = (col + right) / texels * side_m - side_m / 2, side_m / 2 - (row + down) / texels * side_m

@@ -73,7 +73,7 @@ def _image(stack: Stack, camera: CameraModel, holder: SampleHolder, texels: int)
     frame = WhiteFrame(holder.sample_mm / 1e3, holder.inner_mm / 1e3)
     rig_from_sample = geometry.rotation_z(stack.step.axes_rad["turntable"])
     merged = merge(stack)
-    seen = rectify(merged.radiance, camera, rig_from_sample, texels, frame.opening_m, merged.cfa)
+    seen = rectify(merged.radiance, camera, rig_from_sample, texels, holder.texels_mm / 1e3, merged.cfa)
     white = white_frame_radiance(merged.radiance, camera, rig_from_sample, frame, merged.cfa)
     return reflectance(seen, white, holder.white_reflectance).value
 

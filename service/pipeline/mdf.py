@@ -55,5 +55,5 @@ def _sweep(record: FrameRecord, config: RigConfig, cameras: Mapping[str, CameraM
 
 def _holder(config: RigConfig) -> Holder:
     h = config.holder
-    lengths_mm = (h.sample_mm, h.inner_mm, h.outer_mm, h.step_mm, h.sample_depth_mm)
+    lengths_mm = (h.sample_mm, h.inner_mm, h.outer_mm, h.step_mm, h.sample_depth_mm, h.margin_mm)
     return Holder(*(length / 1e3 for length in lengths_mm))

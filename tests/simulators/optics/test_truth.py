@@ -8,6 +8,7 @@ import pytest
 from simulators.lens import project
 
 TEXELS = 48
+SIDE_M = 0.054  # the opening of 60 mm less a margin of 3 mm on each side
 
 
 def _array(answer, key: str = "path") -> np.ndarray:
@@ -20,7 +21,7 @@ def test_displacement_leads_from_the_plane_to_the_surface(optics, studio, pose, 
     here = pose(sample="brick", turntable_rad=turntable_rad)
     depth = _array(optics.truth("displacement", here, camera=camera, texels=TEXELS))
     assert np.all(depth > 0)
-    grid = (np.arange(TEXELS) + 0.5) / TEXELS * 0.06 - 0.03
+    grid = (np.arange(TEXELS) + 0.5) / TEXELS * SIDE_M - SIDE_M / 2
     x, y = np.meshgrid(grid, -grid)
     start = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     eye = studio.to_scene(here, optics.layout.cameras[camera].rig_from_camera[:3, 3])
@@ -81,7 +82,7 @@ def test_the_btf_predicts_the_picture(optics, pose):
     image = _array(optics.truth("btf", here, camera="cam7", lamp="lamp6", texels=texels))
     brick = optics.rate("cam7", here) - optics.rate("cam7", pose(sample="brick"))
     white = optics.rate("cam7", pose(lamps=(("lamp6", 1.0),))) - optics.rate("cam7", pose())
-    grid = (np.arange(texels) + 0.5) / texels * 0.06 - 0.03
+    grid = (np.arange(texels) + 0.5) / texels * SIDE_M - SIDE_M / 2
     x, y = np.meshgrid(grid, -grid)
     uv = np.rint(project(optics.layout.cameras["cam7"], np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])))
     column, row = uv.astype(int).T

@@ -1,12 +1,14 @@
 """Tags of TIFF and EXIF, as plain numbers and text."""
 
 import io
+import logging
 from collections.abc import Iterable
 from typing import Any
 
 import exifread
 import numpy as np
 
+logging.getLogger("exifread").addHandler(logging.NullHandler())  # else it complains on standard error by itself
 _LABEL_TOLERANCE = 0.08  # shutter dials round: 1/30 stands for 1/32, 1/15 for 1/16
 
 

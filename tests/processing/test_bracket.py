@@ -94,7 +94,7 @@ NO_BRACKETS = {
     "different cameras": lambda f: [*raw_files(f), another_dng(f, serial="T-2")],
     "different sensor levels": lambda f: [*raw_files(f), another_dng(f, black=(128,))],
     "the same exposure time": lambda f: [*raw_files(f), another_dng(f, exposure_s=0.05)],
-    "not a readable RAW image": lambda f: [*raw_files(f), cut(another_dng(f), 500)],
+    "truncated: 500 bytes": lambda f: [*raw_files(f), cut(another_dng(f), 500)],
     "no exposure time": lambda f: [picture_file(f / "a.png"), picture_file(f / "b.png", exposure=None)],
     "one photograph has no bracket": lambda f: [picture_file(f / "a.png")],
     "not a readable picture": lambda f: [picture_file(f / "a.png"), cut(picture_file(f / "b.png", exposure=1.0), 50)],

@@ -2,10 +2,11 @@
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rig.errors import StoreError
+from rig.sessions.journal import FrameEntry
 from rig.sessions.session import Session
 from rig.sessions.states import State
 
@@ -51,10 +52,10 @@ class Progress:
         self.rig_s = 0.0
 
     @property
-    def all_done(self) -> bool:
-        """Whether no step is left."""
+    def count(self) -> tuple[int, int]:
+        """Steps that are done, and all of them."""
         with self._lock:
-            return len(self._done) == self._total
+            return len(self._done), self._total
 
     def start(self) -> None:
         """Measure the pace from now on."""
@@ -92,9 +93,10 @@ class Progress:
         with self._lock:
             self._publish(self._session.journal.fail(step, self.rig_s, reason), "failed", reason, step)
 
-    def done(self, step: str, number: int) -> None:
-        """Publish that a step is done; the journal knows already, under this number."""
+    def complete(self, step: str, frames: Sequence[FrameEntry]) -> None:
+        """Journal that a step is done, with its durable frames. Under one lock, so that numbers are told in order."""
         with self._lock:
+            number = self._session.journal.complete(step, frames, self.rig_s, "")
             self._done.add(step)
             self._past_s += self._step_s.get(step, 0.0)
             self._left_s -= self._step_s.get(step, 0.0)

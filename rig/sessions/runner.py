@@ -86,7 +86,7 @@ class Runner:
         self._efforts: dict[str, Effort] = {}
         self._started_s: float | None = None
         self._prepared_s = self._waited_s = 0.0
-        self._writer = Writer(session.folder, session.journal, self._progress.done)
+        self._writer = Writer(session.folder, self._progress.complete)
         self._message = ""
 
     @property
@@ -170,7 +170,7 @@ class Runner:
         self._devices.pose(step)
         self._tick()
         self._devices.expose(step)
-        capture = Capture(step, utc_now(), self._progress.rig_s, step.axes_rad, self._devices.reported_rad)
+        capture = Capture(step, utc_now(), step.axes_rad, self._devices.reported_rad)
         self._devices.see_out(step, self._next_in_view(step))
         transferred = {}
         for camera, frames in self._devices.fetch(step):
@@ -258,8 +258,8 @@ class Runner:
             self._attempt(partial(self._session.add_timing, self._session_s(), bound_s))
         self._finish(ending)
         return RunReport(
-            self.state, len(self._session.steps) - len(self._session.remaining()), len(self._session.steps),
-            self._prepared_s, self._session_s(), self._waited_s, bound_s, tuple(unconfirmed),
+            self.state, *self._progress.count, self._prepared_s, self._session_s(), self._waited_s, bound_s,
+            tuple(unconfirmed),
         )  # fmt: skip
 
     def _session_s(self) -> float:
@@ -268,8 +268,8 @@ class Runner:
     def _finish(self, ending: Action) -> None:
         try:
             self._machine.apply(ending)
-        except StateError:  # a stop or an abort came after the last step, or an end after the request changed
-            self._machine.apply(Action.END if ending is Action.COMPLETE else Action.FAIL)
+        except StateError:  # an abort came after the last step
+            self._machine.apply(Action.END)
 
     @staticmethod
     def _attempt(action: Callable[[], None]) -> None:
@@ -299,7 +299,7 @@ def _undisturbed() -> Iterator[None]:
         yield
     finally:
         for number, handler in previous.items():
-            signal.signal(number, handler)
+            signal.signal(number, handler or signal.SIG_DFL)
     if asked:
         signal.raise_signal(asked[0])
 

@@ -2,14 +2,14 @@
 
 import queue
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
 from rig.sessions import store
 from rig.sessions.checks import Shot
-from rig.sessions.journal import FrameEntry, Journal
+from rig.sessions.journal import FrameEntry
 from rig.sessions.step import Step
 
 _WAITING_SHOTS = 4  # a burst of a full-size camera is 145 MB
@@ -21,7 +21,6 @@ class Capture:
 
     step: Step
     utc: str
-    rig_s: float
     commanded_rad: Mapping[str, float]
     reported_rad: Mapping[str, float]
     entries: list[FrameEntry] = field(default_factory=list)
@@ -30,13 +29,13 @@ class Capture:
 class Writer:
     """A bounded queue and the thread that empties it; a context that ends when all of it is on disk.
 
+    `on_durable` gets a step's id and its entries once all of its frames are on disk.
     After the first error it writes nothing more; the error is raised by the next `put` or `drain`.
     """
 
-    def __init__(self, folder: Path, journal: Journal, on_done: Callable[[str, int], None]) -> None:
+    def __init__(self, folder: Path, on_durable: Callable[[str, Sequence[FrameEntry]], None]) -> None:
         self._folder = folder
-        self._journal = journal
-        self._on_done = on_done
+        self._on_durable = on_durable
         self._queue: queue.Queue[tuple[Capture, Shot] | None] = queue.Queue(_WAITING_SHOTS)
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._work, name="frame writer", daemon=True)
@@ -86,4 +85,4 @@ class Writer:
             shot.taken_s, capture.utc, capture.commanded_rad, capture.reported_rad,
         ))  # fmt: skip
         if len(capture.entries) == len(step.cameras):
-            self._on_done(step.id, self._journal.complete(step.id, capture.entries, capture.rig_s, ""))
+            self._on_durable(step.id, capture.entries)

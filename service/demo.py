@@ -58,6 +58,7 @@ def run_demo(out: Path, *, seed: int, progress: ConsoleProgress) -> Report:
     Raises StoreError where `out` holds something that is not an earlier demo.
     """
     started = time.perf_counter()
+    out = out.resolve()
     _clear(out)
     watch = Stopwatch()
     with Simulation(out / "simulation", seed=seed) as simulation:

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
-
-_VERTEX = np.dtype([(axis, "<f4") for axis in "xyz"] + [(channel, "u1") for channel in ("red", "green", "blue")])
 
 
 def depth_picture(depth_m: NDArray[np.floating], limits_m: tuple[float, float] | None = None) -> NDArray[np.uint8]:
@@ -29,21 +28,13 @@ def depth_picture(depth_m: NDArray[np.floating], limits_m: tuple[float, float] |
 
 
 def write_point_cloud(path: Path, points_m: NDArray[np.floating], colour: NDArray[np.uint8]) -> int:
-    """Write the finite points (..., 3) with their sRGB colours (..., 3) as binary PLY; returns how many there are.
+    """Write the finite points (..., 3) with their sRGB colours (..., 3) as PLY or what the suffix says.
 
-    Raises ImageError where no point is finite.
+    Returns how many there are. Raises ImageError where no point is finite.
     """
     points = np.asarray(points_m, np.float64).reshape(-1, 3)
     finite = np.isfinite(points).all(axis=1)
     if not finite.any():
         raise ImageError(f"{path}: no measured point to write.")
-    rows = np.empty(int(finite.sum()), _VERTEX)
-    for axis, name in enumerate("xyz"):
-        rows[name] = points[finite, axis]
-    for channel, name in enumerate(("red", "green", "blue")):
-        rows[name] = colour.reshape(-1, 3)[finite, channel]
-    types = {"<f4": "float", "|u1": "uchar"}
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
-    header += [f"property {types[_VERTEX[name].str]} {name}" for name in _VERTEX.names or ()]
-    path.write_bytes(("\n".join([*header, "end_header"]) + "\n").encode("ascii") + rows.tobytes())
-    return len(rows)
+    trimesh.PointCloud(points[finite], colour.reshape(-1, 3)[finite]).export(path)
+    return int(finite.sum())

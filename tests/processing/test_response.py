@@ -1,5 +1,6 @@
 """Response curves of photographs, and their merging."""
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -103,3 +104,17 @@ def test_a_single_or_disjoint_bracket_is_refused():
         merge_photographs(grey.astype(float), [1.0])
     with pytest.raises(ImageError, match="overlap"):
         merge_photographs(np.stack([grey[0] * 0, grey[0] * 0 + 255]), [1.0, 2.0])
+
+
+def test_response_is_closer_to_the_truth_than_opencvs():
+    """The independent referee: Debevec and Malik as OpenCV solves it, on the same stack."""
+    rng = np.random.default_rng(5)
+    stack = photographs(scene(rng), TIMES_S, contrast, rng)
+    referee = cv2.createCalibrateDebevec(samples=300).process(list(stack), TIMES_S.astype(np.float32))
+    inside = slice(20, 236)
+    truth = true_log_exposure(contrast)[inside]
+    free = np.log(referee[:, 0, 1].astype(np.float64))
+    error_of_referee = np.std(free[inside] - free[128] - truth)
+    error = np.std(recover_response(stack, TIMES_S).log_exposure[inside] - truth)
+    assert error_of_referee < 0.05  # both solve the same problem
+    assert error < error_of_referee

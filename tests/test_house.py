@@ -1,4 +1,4 @@
-"""The house rules that a program can check: budgets, walls that import-linter cannot draw, vectors read by both sides."""
+"""The house rules that a program can check: budgets, walls, byte vectors that both sides read."""
 
 import ast
 from pathlib import Path

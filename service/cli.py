@@ -139,7 +139,7 @@ def process(
 
 @app.command()
 def preview(
-    product: Annotated[Path, typer.Argument(help="Folder of an SRF or a factored BTF.")],
+    product: Annotated[Path, typer.Argument(help="Folder of a product.")],
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Picture (.png), moving light (.webp, .gif), or a folder for all.")
     ],
@@ -148,7 +148,7 @@ def preview(
     elevation_deg: Annotated[float, typer.Option(help="Of the light, from the horizon.")] = 45.0,
     size: Annotated[int, typer.Option(help="Pixels on a side.", min=16, max=4096)] = 600,
 ) -> None:
-    """Draw a material on a shape under a light, or under a light that moves around it."""
+    """Draw a material on a shape under a light that stands or moves; or a BTF, MDF or reflectance maps as measured."""
     from service import viewing
 
     with reported_errors():

@@ -15,9 +15,11 @@ from PIL import Image
 
 from processing.formats.raw import read_raw
 from processing.laser_chessboard import BoardStripe
+from processing.products import Mdf, ReflectanceMaps, StoredBtf
 from processing.radiometry import demosaic, srgb8
 
 BRIGHT_PERCENTILE = 99.5  # of a frame becomes white
+MOST_PANELS = 8
 
 
 def frame_png(path: Path) -> bytes:
@@ -56,6 +58,27 @@ def save_colour_panels(path: Path, panels: Sequence[tuple[str, NDArray[np.floati
         axis.set_title(title, fontsize=9)
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def draw_displacements(product: Path, out: Path) -> None:
+    """Every view of an MDF, up to eight."""
+    mdf = Mdf.load(product)
+    views = [(f"view {i + 1}", view * 1e3) for i, view in enumerate(mdf.displacement_m[:MOST_PANELS])]
+    save_panels(out, views, "mm along the view ray")
+
+
+def draw_btf(product: Path, out: Path) -> None:
+    """A BTF's steepest view under its lights, up to eight."""
+    btf = StoredBtf.open(product)
+    view = int(np.argmax(btf.view_directions[:, 2]))
+    lights = range(min(btf.shape[0], MOST_PANELS))
+    save_colour_panels(out, [(f"light {i + 1}", btf.image(i, view)) for i in lights], 4)
+
+
+def draw_reflectance_maps(product: Path, out: Path) -> None:
+    """A sphere's reflectance maps over gradient space, every light."""
+    maps = ReflectanceMaps.load(product).reflectance_cos
+    save_colour_panels(out, [(f"light {i + 1}", one) for i, one in enumerate(maps)], 4)
 
 
 def save_stripes(path: Path, stripes: Sequence[BoardStripe]) -> None:

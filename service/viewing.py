@@ -16,18 +16,25 @@ from render.scene import Scene, framed, light, orbiting_light
 from render.shapes import captured_sphere, plane, sphere, torus, vase
 from render.showcase import write_showcase
 from render.srf import repeating
+from service.pictures import draw_btf, draw_displacements, draw_reflectance_maps
 
 ANIMATED = {".webp", ".gif", ".apng"}
 STILL = {".png", ".jpg", ".jpeg", ".tif", ".tiff"}
 FRAMES = 24
+MAPS = {"mdf": draw_displacements, "btf": draw_btf, "reflectance_maps": draw_reflectance_maps}
+
+
+def kind_of(folder: Path) -> str:
+    """The kind of the product in a folder. Raises ImageError where there is none."""
+    try:
+        return str(json.loads((folder / "product.json").read_text(encoding="utf-8"))["kind"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ImageError(f"{folder}: not a product; `rig process SESSION` makes and names them.") from error
 
 
 def load_material(folder: Path) -> Material:
     """The SRF or factored BTF in a product folder. Raises ImageError where there is something else."""
-    try:
-        kind = json.loads((folder / "product.json").read_text(encoding="utf-8"))["kind"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ImageError(f"{folder}: not a product; `rig process SESSION` makes and names them.") from error
+    kind = kind_of(folder)
     if kind == "srf":
         return Srf.load(folder)
     if kind == "factored_btf":
@@ -50,11 +57,15 @@ def shape_for(material: Material, name: str) -> tuple[Material, Mesh]:
 def draw_product(product: Path, out: Path, shape: str, light_deg: tuple[float, float], size: int) -> str:
     """Draw a product into `out` and return what was done.
 
-    One picture, for .webp and .gif a light that goes round, for a folder the product's showcase.
+    Of a material one picture, for .webp and .gif a light that goes round, for a folder its showcase; of a BTF, MDF or
+    reflectance maps what was measured.
     """
     if not out.suffix:
         galleries = write_showcase(load_material(product), out, size=(size, size))
         return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
+    if (kind := kind_of(product)) in MAPS:
+        MAPS[kind](product, out)
+        return f"{out}: the {kind} as measured"
     if out.suffix not in ANIMATED | STILL:
         raise ImageError(f"{out}: a picture is .png or .jpg, a moving light .webp or .gif; no suffix means a folder.")
     material, mesh = shape_for(load_material(product), shape)

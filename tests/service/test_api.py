@@ -9,7 +9,9 @@ import pytest
 from fastapi.testclient import TestClient
 from PIL import Image
 
+from processing.products import BlinnPhong, Srf
 from rig.config import load_config
+from rig.sessions import Session, parse_plan
 from service.app import create_app
 from tests.service.conftest import API, CALIBRATE, ROOT_OPENAPI, SMALL_BTF
 
@@ -147,8 +149,26 @@ def test_a_session_is_processed_as_a_job_and_its_files_are_served(client, start_
     cameras = client.get(f"{API}/sessions/{session}/products/calibration/cameras.json").json()
     assert set(cameras["cameras"]) == set(CALIBRATE["cameras"])
     problem(client.get(f"{API}/sessions/{session}/products/nothing.png"), 404, "not-found")
+    problem(client.get(f"{API}/sessions/{session}/products/nothing/picture.png"), 422, "unusable-image")
+    problem(client.get(f"{API}/sessions/{session}/products/srf/picture.png?sise=20"), 422, "malformed-request")
     outside = client.get(f"{API}/sessions/{session}/products/%2e%2e/session.json")
     problem(outside, 404, "not-found")
+
+
+def test_a_product_is_shown_under_any_light(client, tmp_path):
+    """The same SRF from two lights gives two pictures of the size that was asked for."""
+    folder = tmp_path / "sessions" / "old"
+    with Session.create(folder, parse_plan(SMALL_BTF), client.app.state.host.config) as session:
+        residual = np.zeros((3, 8, 8, 3), np.float32)
+        Srf(residual, BlinnPhong(np.full(3, 0.2), np.full(3, 0.1), 20.0), wrap=True).save(session.products / "srf")
+    pictures = []
+    for azimuth_deg in (0, 90):
+        look = {"shape": "sphere", "size": 64, "azimuth_deg": azimuth_deg}
+        reply = client.get(f"{API}/sessions/old/products/srf/picture.png", params=look)
+        assert reply.status_code == 200, reply.text
+        pictures.append(np.asarray(Image.open(io.BytesIO(reply.content)), float))
+    assert pictures[0].shape == (64, 64, 3)
+    assert np.abs(pictures[0] - pictures[1]).max() > 50
 
 
 def test_a_job_without_its_calibration_fails_with_its_problem(client, start_session, wait_for):

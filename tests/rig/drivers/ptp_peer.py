@@ -106,8 +106,9 @@ class CameraPeer:
             connection.sendall(packet(10, struct.pack("<I", transaction) + answer[:half]))
             connection.sendall(packet(12, struct.pack("<I", transaction) + answer[half:]))
         response = packet(7, struct.pack("<HI", OK, transaction))
-        connection.sendall(response[: self.response_bytes])
-        self.response_bytes = 14
+        # Reset before sending: the driver, and then the test, go on as soon as the bytes are there.
+        length, self.response_bytes = self.response_bytes, 14
+        connection.sendall(response[:length])
 
     def data_out(self, connection, transaction):
         length, kind = struct.unpack("<II", read_exactly(connection, 8))

@@ -3,9 +3,11 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
-SYSTEM := libegl1 libgl1-mesa-dri gphoto2 nqc
+# Headless OpenGL for the preview; the independent clients and the browser of the tests.
+SYSTEM := libegl1 libgl1-mesa-dri $(if $(shell $(PYTHON) -c "import ensurepip" 2>&1),$(PYTHON)-venv)
+PEERS := gphoto2 nqc chromium
 
-.PHONY: setup system demo test test-long check bench serve clean
+.PHONY: setup system peers demo test test-long check bench serve clean
 
 setup: $(VENV)/ready
 
@@ -16,9 +18,11 @@ $(VENV)/ready: requirements/dev.txt pyproject.toml | system
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
-# Headless OpenGL for the preview, and the independent clients of the conformance tests.
 system:
 	@bash scripts/install-system-packages $(SYSTEM)
+
+peers:
+	@bash scripts/install-system-packages $(PEERS)
 
 demo: setup
 	$(BIN)/rig demo --out $(OUT)/demo
@@ -29,7 +33,7 @@ check: setup
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-test: check
+test: check peers
 	$(BIN)/python -m pytest
 
 test-long: setup

@@ -4,7 +4,10 @@ import json
 import re
 import shutil
 import signal
+import socket
+import urllib.request
 from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +16,7 @@ from PIL import Image
 from processing.formats.raw import read_raw
 from rig.sessions import Session
 from service.problems import EXIT_CODES
-from tests.command import BTF, CALIBRATE, ended, rig, running_rig, wait_until
+from tests.command import BTF, CALIBRATE, Said, ended, rig, running_rig, wait_until
 
 LONG_BTF = BTF.replace("[0, 90]", "[0, 90, 180, -90]").replace("[0.02]", "[0.01, 0.02]")
 LONG_STEPS = 4 * 2 * 2 * 2
@@ -184,3 +187,20 @@ def test_a_person_is_asked_to_mount_and_without_one_nothing_is_taken(tmp_path, s
     assert said.code == 0, said.err
     assert "finished, 1 of 1 steps" in said.out
     assert dark_and_still(simulators.control("status"))
+
+
+def test_the_service_starts_once_and_ends_with_its_simulators(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+        said = rig("serve", "--simulated", "--port", port, cwd=tmp_path)
+        assert said.code == 4
+        assert said.error == f"busy: 127.0.0.1:{port}: Address already in use. Name another port with --port."
+    with running_rig("serve", "--simulated", "--port", port, cwd=tmp_path) as process:
+        assert f"http://127.0.0.1:{port}/" in process.stdout.readline()
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/api/v1/devices", timeout=60) as reply:
+            state = Path(json.load(reply)["bus"]["port"]).parent
+        assert state.is_dir()
+        process.send_signal(signal.SIGTERM)
+        said = ended(process)
+    assert said == Said(0, "", "")
+    assert not state.exists()

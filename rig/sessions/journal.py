@@ -10,7 +10,7 @@ import shutil
 import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -73,10 +73,12 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._lock = threading.RLock()
-        with self._reported():
+        with self._reported(), ExitStack() as on_failure:
             self._db = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=30)
+            on_failure.callback(self._db.close)
             self._db.execute("PRAGMA journal_mode=WAL")
             self._db.execute("PRAGMA synchronous=FULL")
+            on_failure.pop_all()
 
     @classmethod
     def create(cls, path: Path, steps: Sequence[Step]) -> "Journal":

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from processing import geometry
 from processing.board import BoardView
 from processing.errors import CalibrationError
+from processing.robust import bulk_deviation
 
 Array = NDArray[np.float64]
 CAMERA_PARAMETERS = 15  # fx fy cx cy, k1 k2 p1 p2 k3, turn (3), shift (3)
@@ -75,7 +76,7 @@ def adjust(start: Network, views: Mapping[str, Mapping[int, BoardView]]) -> dict
     """
     plain = _Problem(start, views, np.inf)
     network = plain.minimise(start)
-    spread_px = 1.4826 * float(np.median(np.abs(np.concatenate(list(plain.errors(network).values())))))
+    spread_px = bulk_deviation(np.concatenate(list(plain.errors(network).values())))
     robust = _Problem(start, views, _HUBER * max(spread_px, 1e-3))
     network = robust.minimise(network)
     deviations = robust.deviations(network)

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.robust import bulk_deviation, weighted_median_place
+
 Array = NDArray[np.float64]
 _OUTLIER = 4.0  # sigmas from the weighted median
 _AGREEMENT_M = 25e-6  # two locations see a rough surface's pixel differently by about this much
@@ -33,22 +35,22 @@ def merge_displacements(
     """Merge the sweeps (k, h, w) of one view over the laser's locations.
 
     Weighted mean of what lies within four sigmas of the weighted median: D = sum w_i D_i / sum w_i. Weights are inverse
-    variances, which are best, or `weights` (k,) per location, such as the paper's (`tetrahedron_weights`).
+    variances, which are best, or `weights` (k,) per location, such as the paper's (`tetrahedron_weights`);
+    0 leaves a location out.
     Source: Wang et al. 2005, section 3.2.
     """
     values, variances = np.asarray(displacement_m, np.float64), np.asarray(variance_m2, np.float64)
-    measured = np.isfinite(values) & (variances > 0.0)
-    precision = np.where(measured, 1.0 / np.where(measured, variances, 1.0), 0.0)
-    chosen = precision if weights is None else np.where(measured, weights[:, None, None], 0.0)
-    middle, middle_variance = _weighted_median(np.where(measured, values, 0.0), variances, precision)
-    tolerance = _OUTLIER * np.sqrt(np.where(measured, variances, 0.0) + middle_variance + _AGREEMENT_M**2)
-    agrees = measured & (np.abs(values - middle) <= tolerance)
+    measured = np.isfinite(values) & np.isfinite(variances) & (variances > 0.0)
+    if weights is not None:
+        measured &= weights[:, None, None] > 0.0
+    variances = np.where(measured, variances, 1.0)
+    agrees = measured & _near_median(np.where(measured, values, 0.0), variances, measured)
     used, rejected = agrees.sum(axis=0), (measured & ~agrees).sum(axis=0)
-    share = np.where(agrees, chosen, 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = share / share.sum(axis=0)
-    merged = np.where(used > 0, np.where(agrees, share * values, 0.0).sum(axis=0), np.nan)
-    variance = np.where(used > 0, np.where(agrees, share**2 * variances, 0.0).sum(axis=0), np.nan)
+    weight = np.where(agrees, 1.0 / variances if weights is None else weights[:, None, None], 0.0)
+    total = weight.sum(axis=0)
+    share = np.divide(weight, total, out=np.full(weight.shape, np.nan), where=total > 0.0)
+    merged = np.where(agrees, share * values, 0.0 * share).sum(axis=0)
+    variance = (share**2 * variances).sum(axis=0)
     quarrel = np.where(measured & ~agrees, (values - merged) ** 2, 0.0).max(axis=0)
     variance = np.where(rejected >= used, variance + quarrel, variance)
     return Merged(
@@ -60,32 +62,26 @@ def merge_displacements(
     )
 
 
-def _weighted_median(values: Array, variances: Array, precision: Array) -> tuple[Array, Array]:
-    """Weighted lower median over the first axis, and the variance of the sweep that gave it; precision 0 = missing."""
-    order = np.argsort(np.where(precision > 0.0, values, np.inf), axis=0, kind="stable")
-    summed = np.cumsum(np.take_along_axis(precision, order, axis=0), axis=0)
-    place = np.argmax(summed >= 0.5 * summed[-1], axis=0)[None]
-    index = np.take_along_axis(order, place, axis=0)
-    variance = np.take_along_axis(np.where(precision > 0.0, variances, 0.0), index, axis=0)[0]
-    return np.take_along_axis(values, index, axis=0)[0], variance
+def _near_median(values: Array, variances: Array, measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which sweeps lie within four sigmas of the median, weighted by inverse variances."""
+    middle = weighted_median_place(values, np.where(measured, 1.0 / variances, 0.0))
+    median, its_variance = np.take_along_axis(values, middle, axis=0), np.take_along_axis(variances, middle, axis=0)
+    tolerance = _OUTLIER * np.sqrt(variances + its_variance + _AGREEMENT_M**2)
+    return np.asarray(np.abs(values - median) <= tolerance)
 
 
 def _consistency(deviation: Array, variances: Array, merged_variance: Array, shared: NDArray[np.bool_]) -> Array:
     """Robust RMS per sweep of the deviation in sigmas; the merged value holds the sweep itself: hence `- merged`."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio2 = deviation**2 / np.maximum(variances - merged_variance, 0.05 * variances)
-    return np.array([_robust_rms(r[s]) if s.any() else np.nan for r, s in zip(ratio2, shared, strict=True)])
-
-
-def _robust_rms(squares: Array) -> float:
-    return 1.4826 * float(np.sqrt(np.median(squares)))
+    # A sweep that makes the merged value alone leaves no variance between both: a floor keeps that finite.
+    sigmas = deviation / np.sqrt(np.maximum(variances - merged_variance, 0.05 * variances))
+    return np.array([bulk_deviation(r[s]) if s.any() else np.nan for r, s in zip(sigmas, shared, strict=True)])
 
 
 def tetrahedron_weights(sources_m: Array, camera_m: Array) -> Array:
     """The paper's weights (k,) of the laser locations (k, 3) for a camera at (3,), rig frame, metres cubed.
 
     Volume of the tetrahedron of source, camera and two points, one metre apart, of the stripe through the origin: the
-    stripe lies in the reference plane, square to the laser's azimuth.
+    stripe lies in the reference plane, square to the laser's azimuth; so no source may stand straight above the origin.
     Source: Wang et al. 2005, section 3.2.
     """
     sources = np.asarray(sources_m, np.float64)

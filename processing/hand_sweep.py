@@ -18,6 +18,7 @@ from processing import geometry
 from processing.errors import CalibrationError, ImageError
 from processing.plane_fit import Plane, fit_plane, plane_angle
 from processing.radiometry import Sensor
+from processing.robust import bulk_deviation
 from processing.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
 from processing.stripe import redness, stripe_line, stripe_ridge
 
@@ -231,4 +232,4 @@ def _cut(rays: Array, peaks: PeakTimes, planes: tuple[Plane | None, ...]) -> Arr
 def _rms(distance_m: Array) -> float:
     """Robust RMS of the finite distances; NaN where there is none."""
     finite = distance_m[np.isfinite(distance_m)]
-    return 1.4826 * float(np.median(np.abs(finite))) if finite.size else float("nan")
+    return bulk_deviation(finite) if finite.size else float("nan")

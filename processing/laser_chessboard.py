@@ -18,6 +18,7 @@ from scipy.io.matlab import MatReadError
 from processing import geometry
 from processing.errors import ImageError
 from processing.plane_fit import Plane, fit_plane, plane_angle
+from processing.robust import biweight, bulk_deviation
 from processing.stripe import redness, stripe_line, stripe_ridge
 
 Array = NDArray[np.float64]
@@ -133,8 +134,7 @@ def _bend_residual(uv_px: Array) -> tuple[Array, NDArray[np.bool_]]:
     for _ in range(15):
         root = np.sqrt(weight)[:, None]
         residual = uv_px[:, 0] - design @ np.linalg.lstsq(design * root, uv_px[:, 0] * root[:, 0], rcond=None)[0]
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
-        weight = np.clip(1.0 - (residual / (4.685 * scale)) ** 2, 0.0, None) ** 2
+        weight = biweight(residual, max(bulk_deviation(residual), 1e-6))
     return np.asarray(residual), weight > 0.0
 
 

@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline
 from processing.calibration import CameraModel
 from processing.fan import Fan, fan_angle, fan_gradient, fan_source
 from processing.holder import Holder, reference_region
+from processing.robust import biweight, bulk_deviation
 from processing.space_time import PeakStatus, PeakTimes
 
 Array = NDArray[np.float64]
@@ -24,7 +25,6 @@ _UNEVENNESS = 0.1  # relative change of the motor's speed from knot to knot (one
 _MIN_POINTS = 60
 _MAX_POINTS = 12000
 _ITERATIONS = 30
-_TUKEY = 4.685  # 95 % efficiency for normal errors
 _CHUNK = 32768
 
 
@@ -173,7 +173,7 @@ class _Problem:
     def __init__(self, points_m: Array, time: Array, variance: Array, mount: LaserMount, knots: Array) -> None:
         self.points_m, self.time, self.variance, self.mount, self.knots = points_m, time, variance, mount, knots
         self.rate, start = _median_line(time, fan_angle(mount.fan, points_m))
-        self.excess = _scale(fan_angle(mount.fan, points_m) - start - self.rate * time)
+        self.excess = bulk_deviation(fan_angle(mount.fan, points_m) - start - self.rate * time)
         self.start = np.concatenate([mount.fan, start + self.rate * _greville(knots)])
         self.prior = self._prior()
 
@@ -185,7 +185,7 @@ class _Problem:
             speed = spline.derivative()(self.time)
             residual = fan_angle(solution[:4], self.points_m) - spline(self.time)
             sigma = self._sigma(residual, speed)
-            weights = np.clip(1.0 - (residual / (_TUKEY * sigma)) ** 2, 0.0, None) ** 2
+            weights = biweight(residual, sigma)
             jacobian = self._jacobian(solution, residual, speed)
             covariance, step = self._step(solution, residual / sigma, jacobian / sigma[:, None], weights)
             solution = solution + step
@@ -198,7 +198,7 @@ class _Problem:
         noise = np.maximum(speed**2, (0.3 * self.rate) ** 2) * self.variance
         for _ in range(8):
             sigma2 = noise + self.excess**2
-            change = (_scale(residual / np.sqrt(sigma2)) ** 2 - 1.0) * float(np.median(sigma2))
+            change = (bulk_deviation(residual / np.sqrt(sigma2)) ** 2 - 1.0) * float(np.median(sigma2))
             self.excess = float(np.sqrt(max(self.excess**2 + change, 1e-4 * np.median(noise))))
         return np.asarray(np.sqrt(noise + self.excess**2))
 
@@ -239,11 +239,6 @@ def _greville(knots: Array) -> Array:
 
 def _basis(knots: Array, time: Array) -> Array:
     return np.asarray(BSpline.design_matrix(np.clip(time, knots[0], knots[-1]), knots, 3).toarray())
-
-
-def _scale(values: Array) -> float:
-    """Standard deviation of the bulk: 1.4826 times the median absolute value."""
-    return 1.4826 * float(np.median(np.abs(values)))
 
 
 def _median_line(time: Array, angle: Array) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from processing.errors import ImageError
 from processing.products.arrays import Float64
+from processing.robust import biweight, bulk_deviation
 
 _STEP_PX = 0.25  # between the samples of a ray
 _PLATEAU_PX = (0.5, 2.0)  # how far inside the limb its own brightness is read
@@ -20,6 +21,8 @@ _WINDOWS_PX = (10.0, 6.0, 6.0, 6.0)  # half width of the search, from round to r
 _RAYS = (240, 1440)
 _LEAST_RAYS = 24
 _LEAST_NOISES = 10.0  # brightness of a limb over the noise of the background
+_ROUNDS = 20
+_LEAST_SCALE_PX = 0.02  # of limb points about the circle
 _LEAST_SHARE = 0.05  # and over the median brightness of the limb
 
 
@@ -157,12 +160,11 @@ def _fit_circle(circle: Float64, angle: Float64, radius: Float64) -> SphereImage
         raise ImageError(f"no sphere found: only {len(angle)} rays around it show a lit limb; light more of it")
     design = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=1)
     keep = np.ones_like(angle)
-    for _ in range(20):
+    for _ in range(_ROUNDS):
         weighted = design * keep[:, None]
         step = np.linalg.solve(weighted.T @ design, weighted.T @ radius)
         left = radius - design @ step
-        scale = max(1.4826 * float(np.median(np.abs(left))), 0.02)
-        keep = np.clip(1 - (left / (4.685 * scale)) ** 2, 0, None) ** 2
+        keep = biweight(left, max(bulk_deviation(left), _LEAST_SCALE_PX))
     held = np.flatnonzero(keep)
     inverse = np.linalg.inv((design * keep[:, None]).T @ design)
     noise = float(keep @ left**2) / max(len(held) - 3, 1) * _correlation_length(left[held])

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
+from processing.robust import biweight, bulk_deviation, principal_axes
 
 Array = NDArray[np.float64]
-_TUKEY = 4.685
+_ROUNDS = 20
+_LEAST_SCALE_M = 1e-12  # of exact points, whose scatter is rounding
 
 
 @dataclass(frozen=True)
@@ -46,18 +48,16 @@ def fit_plane(points_m: Array) -> Plane:
     points = np.asarray(points_m, np.float64).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     weight = np.ones(len(points))
-    for _ in range(20):
+    for _ in range(_ROUNDS):
         if np.count_nonzero(weight) < 3:
             raise ImageError(f"{len(points)} points do not make a plane.")
-        centre = weight @ points / weight.sum()
-        spread, axes = np.linalg.eigh(((points - centre) * weight[:, None]).T @ (points - centre))
+        centre, spread, axes = principal_axes(points, weight)
         if spread[1] <= 1e-12 * spread[2] or spread[2] == 0.0:
             raise ImageError("the points lie on a line: more than one pose of the board is needed.")
         distance = (points - centre) @ axes[:, 0]
-        scale = max(1.4826 * float(np.median(np.abs(distance))), 1e-12)
-        weight = np.clip(1.0 - (distance / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
+        weight = biweight(distance, max(bulk_deviation(distance), _LEAST_SCALE_M))
     used = weight > 0.0
-    normal = np.asarray(axes[:, 0], np.float64)
+    normal = axes[:, 0]
     return Plane(normal, float(normal @ centre), float(np.sqrt(np.mean(distance[used] ** 2))), int(used.sum()))
 
 

@@ -10,12 +10,12 @@ from processing.calibration import CameraModel
 from processing.errors import ImageError
 from processing.hdr import Radiance
 from processing.radiometry import cfa_channels
+from processing.robust import biweight, bulk_deviation
 
 Array = NDArray[np.float64]
 _FRAME_TEXELS = 76  # over the outer side of the upper frame: about a millimetre, as wide as the edges' blur
 _EDGE = 0.2  # of the frame's width on each side is left out: burrs, blur, calibration
 _MIN_FRAME_TEXELS = 40  # for six coefficients that must also survive a shadow
-_TUKEY = 4.685  # 95 % efficiency for normal residuals
 _ROUNDS = 10
 _DRAWS, _DRAWN = 150, 8  # with 35 % in shadow, five of 150 draws still miss it
 
@@ -152,8 +152,8 @@ def _robust_fit(terms: Array, value: Array) -> tuple[Array, Array]:
     coefficients = trials[np.argmin(np.median(np.abs(value[some] - trials @ terms[some].T), axis=1))]
     for _ in range(_ROUNDS):
         residual = value - terms @ coefficients
-        spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-6 * float(np.abs(value).max()))
-        weight = np.clip(1 - (residual / (_TUKEY * spread)) ** 2, 0, 1) ** 2
+        spread = max(bulk_deviation(residual), 1e-6 * float(np.abs(value).max()), 1e-300)
+        weight = biweight(residual, spread)
         normal = terms.T @ (weight[:, None] * terms)
         coefficients = np.linalg.pinv(normal) @ (terms.T @ (weight * value))
     return np.asarray(coefficients, np.float64), np.asarray(spread**2 * np.linalg.pinv(normal), np.float64)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
+from processing.robust import weighted_median_place
 
 Array = NDArray[np.float64]
 CODES = 256
@@ -97,13 +98,7 @@ def _robust_fit(cells: _Cells, start: Array, basis: Array) -> tuple[Array, float
         normal += 1e-6 * np.trace(normal) * np.eye(len(normal))
         coefficients = np.linalg.solve(normal, design.T @ (weight * wanted))
         size = np.abs(wanted - design @ coefficients) / np.sqrt(variance)
-        sigma_dn = 1.4826 * _weighted_median(size, count)
+        sigma_dn = 1.4826 * float(size[weighted_median_place(size, count)[0]])
         huber = np.minimum(1, _HUBER * sigma_dn / np.maximum(size, 1e-9))
     # Rounding alone is 0.29 of a code; a stack of equal codes would claim less.
     return np.asarray(coefficients, np.float64), max(sigma_dn, 0.29)
-
-
-def _weighted_median(values: Array, weight: Array) -> float:
-    order = np.argsort(values)
-    cumulative = np.cumsum(weight[order])
-    return float(values[order][np.searchsorted(cumulative, cumulative[-1] / 2)])

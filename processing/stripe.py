@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from processing.errors import ImageError
+from processing.robust import biweight, bulk_deviation, principal_axes
 
 Array = NDArray[np.float64]
-_TUKEY = 4.685
+_ROUNDS = 15
+_LEAST_SCALE_PX = 1e-3  # of exact points, whose scatter is rounding
+_TRIALS = 300  # pairs of points: with half of them wrong, none of 300 is right once in 10^37
+_OWN_PIXEL = 0.6  # pixels from a ridge point to its pixel's centre: half, and what noise moves it
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ def stripe_ridge(
         return Ridge(np.empty((0, 2)), np.empty(0))
     part = _needed(values.shape if mask is None else mask, int(np.ceil(4 * sigma_px)))
     offset, strength = _ridge_field(values[part], sigma_px)
-    allowed = np.abs(offset).max(axis=-1) <= 0.6
+    allowed = np.abs(offset).max(axis=-1) <= _OWN_PIXEL
     strength = np.where(allowed if mask is None else allowed & mask[part], strength, -np.inf)
     rows = np.arange(strength.shape[0])
     columns = np.argmax(strength, axis=1)
@@ -117,15 +121,14 @@ def stripe_line(uv_px: Array, tolerance_px: float = 2.0) -> ImageLine:
         raise ImageError(f"{len(points)} stripe points do not make a line.")
     normal, offset = _consensus(points, tolerance_px)
     distance = points @ normal - offset
-    for _ in range(15):
+    for _ in range(_ROUNDS):
         near = np.abs(distance) < tolerance_px
         if np.count_nonzero(near) < 3:
             raise ImageError("the stripe's points do not lie on a line.")
-        scale = max(1.4826 * float(np.median(np.abs(distance[near]))), 1e-3)
-        weight = np.where(near, np.clip(1.0 - (distance / (_TUKEY * scale)) ** 2, 0.0, None) ** 2, 0.0)
-        centre = weight @ points / weight.sum()
-        scatter = ((points - centre) * weight[:, None]).T @ (points - centre)
-        normal = np.linalg.eigh(scatter)[1][:, 0]
+        scale = max(bulk_deviation(distance[near]), _LEAST_SCALE_PX)
+        weight = np.where(near, biweight(distance, scale), 0.0)
+        centre, _, axes = principal_axes(points, weight)
+        normal = axes[:, 0]
         offset = float(normal @ centre)
         distance = points @ normal - offset
     inliers = weight > 0.0
@@ -136,7 +139,7 @@ def stripe_line(uv_px: Array, tolerance_px: float = 2.0) -> ImageLine:
 def _consensus(points: Array, tolerance_px: float) -> tuple[Array, float]:
     """Normal and offset of the line through two points with the most others within the tolerance."""
     rng = np.random.default_rng(0)  # the same line for the same points
-    first, second = rng.integers(0, len(points), (2, 300))
+    first, second = rng.integers(0, len(points), (2, _TRIALS))
     along = points[second] - points[first]
     length = np.hypot(along[:, 0], along[:, 1])
     usable = length > 0

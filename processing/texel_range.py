@@ -7,6 +7,8 @@ known places, and one resampling in all.
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.robust import weighted_median_place
+
 Array = NDArray[np.float64]
 _SIGMA_PX = 0.5  # of the kernel, or _SIGMA_TEXEL of a texel where that is larger
 _SIGMA_TEXEL = 0.25
@@ -30,9 +32,10 @@ def texel_displacement(
     sigma_px, pixel_m = _kernel(uv_px, pitch_m)
     places = uv_px.reshape(-1, 2)
     found = np.full((len(places), 2), np.nan)
-    inside = np.flatnonzero(np.isfinite(places).all(axis=1))
-    for start in range(0, len(inside), _CHUNK):
-        part = inside[start : start + _CHUNK]
+    margin = _REACH * sigma_px
+    seen = np.flatnonzero(((places > -margin) & (places < np.array(values.shape[::-1]) + margin)).all(axis=1))
+    for start in range(0, len(seen), _CHUNK):
+        part = seen[start : start + _CHUNK]
         found[part] = _interpolate(values, variances, places[part], sigma_px, pixel_m)
     grid = found.reshape(*uv_px.shape[:2], 2).astype(np.float32)
     return grid[..., 0], grid[..., 1]
@@ -40,9 +43,11 @@ def texel_displacement(
 
 def _kernel(uv_px: Array, pitch_m: float) -> tuple[Array, Array]:
     """Kernel's sigma (u, v) in pixels, and a pixel's extent (u, v) on the reference plane in metres."""
-    if min(uv_px.shape[:2]) < 2:
+    steps = [np.abs(np.diff(uv_px, axis=axis)).reshape(-1, 2) for axis in (0, 1)]
+    known = [step[np.isfinite(step).all(axis=1)] for step in steps]
+    if min(len(step) for step in known) == 0:
         return np.full(2, _SIGMA_PX), np.full(2, pitch_m)
-    per_texel = np.maximum(*(np.nanmedian(np.abs(np.gradient(uv_px, axis=axis)), axis=(0, 1)) for axis in (0, 1)))
+    per_texel = np.maximum(*(np.median(step, axis=0) for step in known))
     return np.maximum(_SIGMA_PX, _SIGMA_TEXEL * per_texel), pitch_m / np.maximum(per_texel, 1e-3)
 
 
@@ -53,10 +58,10 @@ def _interpolate(values: Array, variances: Array, places: Array, sigma_px: Array
     kernel = np.exp(-0.5 * ((offset / sigma_px) ** 2).sum(axis=-1))
     noise = np.where(measured, variance, 0.0) + _ROUGHNESS_M**2
     weight = np.where(measured, kernel / noise, 0.0)
-    middle = _weighted_median(np.where(measured, value, 0.0), weight)
     distance_m = np.hypot(offset[..., 0] * pixel_m[0], offset[..., 1] * pixel_m[1])
     value = np.where(measured, value, 0.0)
-    surface = np.abs(value - middle[:, None]) < 4.0 * np.sqrt(noise) + _SLOPE * distance_m
+    middle = np.take_along_axis(value, weighted_median_place(value, weight, axis=1), axis=1)
+    surface = np.abs(value - middle) < 4.0 * np.sqrt(noise) + _SLOPE * distance_m
     other = np.where(surface, 0.0, weight)
     weight = np.where(surface, weight, 0.0)
     apart = np.where(weight > 0.0, ((offset / sigma_px) ** 2).sum(axis=-1), np.inf).min(axis=1)
@@ -83,13 +88,6 @@ def _neighbours(values: Array, variances: Array, places: Array, reach: NDArray[n
     inside = ((pixel >= 0) & (pixel < size)).all(axis=-1)
     column, row = np.moveaxis(np.clip(pixel, 0, size - 1), -1, 0)
     return pixel - places[:, None], np.where(inside, values[row, column], np.nan), variances[row, column]
-
-
-def _weighted_median(values: Array, weights: Array) -> Array:
-    order = np.argsort(values, axis=1)
-    summed = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
-    place = np.argmax(summed >= 0.5 * summed[:, -1:], axis=1)
-    return np.take_along_axis(values, np.take_along_axis(order, place[:, None], axis=1), axis=1)[:, 0]
 
 
 def _plane(offset: Array, value: Array, weight: Array, noise: Array, slope: Array) -> Array:

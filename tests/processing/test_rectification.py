@@ -194,9 +194,10 @@ def test_reflectance_knows_both_uncertainties():
 
 def test_an_unseen_or_unlit_frame_is_an_error():
     camera = camera_at(50)
-    dark = photograph(camera, np.eye(4), lambda p: np.zeros(p.shape) - 0.1)
-    with pytest.raises(ImageError, match="dark"):
-        white_frame_radiance(dark, camera, np.eye(4), FRAME)
+    for level in (-0.1, 0.0):
+        dark = photograph(camera, np.eye(4), lambda p, level=level: np.full(p.shape, level))
+        with pytest.raises(ImageError, match="dark"):
+            white_frame_radiance(dark, camera, np.eye(4), FRAME)
     away = geometry.rigid(np.eye(3), [1.0, 0, 0])
     with pytest.raises(ImageError, match="not in the image"):
         white_frame_radiance(dark, camera, away, FRAME)

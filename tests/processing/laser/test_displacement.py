@@ -66,6 +66,26 @@ def test_one_false_point_among_five_is_rejected():
     assert merged.displacement_m[3, 4] == pytest.approx(true[3, 4], abs=1e-4)
 
 
+@given(seed=st.integers(0, 10**6), factor=st.floats(1e-3, 1e3))
+@settings(max_examples=25, deadline=None)
+def test_given_weights_count_by_their_ratio_and_none_by_nothing(seed, factor):
+    """A sweep of weight 0 is as if it had not been taken, and so is one that knows nothing."""
+    _, values, variances = stack(seed)
+    weights = np.array([1.0, 0.0, 2.0, 0.5, 3.0])
+    there, blind = weights > 0, np.where(weights[:, None, None] > 0, variances, np.inf)
+    one = merge_displacements(values, variances, weights)
+    for other in (
+        merge_displacements(values, variances, weights * factor),
+        merge_displacements(values[there], variances[there], weights[there]),
+        merge_displacements(values, blind, np.maximum(weights, 1e-3)),
+    ):
+        np.testing.assert_allclose(one.displacement_m, other.displacement_m, rtol=1e-5)
+        np.testing.assert_allclose(one.variance_m2, other.variance_m2, rtol=1e-5)
+        np.testing.assert_array_equal(one.used, other.used)
+    np.testing.assert_array_equal(np.isfinite(one.displacement_m), one.used > 0)
+    assert not merge_displacements(values, variances, 0 * weights).used.any()
+
+
 def test_two_that_contradict_say_so():
     """Without a majority the variance covers the disagreement."""
     merged = merge_displacements(np.array([[[0.001]], [[0.003]]]), np.full((2, 1, 1), 1e-10))
@@ -131,5 +151,8 @@ def test_holes_stay_holes():
 
 def test_texels_outside_the_image_are_holes():
     surface = np.full((20, 20), 0.002)
-    value, _ = texel_displacement(surface, np.full(surface.shape, 1e-10), grid((8, 8), 1.0, 40.0), 0.0005)
-    assert np.isnan(value).all()
+    aside = grid((8, 8), 1.0, 40.0)
+    for places in (aside, np.full((8, 8, 2), np.nan), 1e30 * aside, aside[:1, :1]):  # NaN: behind the camera
+        value, variance = texel_displacement(surface, np.full(surface.shape, 1e-10), places, 0.0005)
+        assert np.isnan(value).all()
+        assert np.isnan(variance).all()

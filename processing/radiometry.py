@@ -11,6 +11,7 @@ from processing.errors import ImageError
 _RED_BLUE = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], np.float64) / 4
 _GREEN = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]], np.float64) / 4
 _REC709 = np.array([0.2126, 0.7152, 0.0722])
+_BURNT = 99.5  # percentile of the luminance that is shown as white
 _KEY = 0.18  # Reinhard et al. 2002: the display value of the scene's log-average
 
 
@@ -108,13 +109,14 @@ def grey_mosaic(mosaic: NDArray[np.floating], cfa: NDArray[np.uint8]) -> NDArray
     """A linear mosaic (h, w) of a scene without colour as a grey image: each channel scaled to the same brightness.
 
     Unlike demosaicing it keeps every pixel's own sample, so that small markers stay legible. The scale is the 95th
-    percentile of each channel. Raises ImageError where a channel has no light.
+    percentile of each channel. Raises ImageError where a channel has no light or no finite sample.
     """
     _check_mosaic(mosaic, mosaic, cfa)
     channels = cfa_channels(cfa, (mosaic.shape[0], mosaic.shape[1]))
-    level = np.array([np.nanpercentile(mosaic[channels == c], 95) for c in range(3)])
+    known = [mosaic[(channels == c) & np.isfinite(mosaic)] for c in range(3)]
+    level = np.array([np.percentile(values, 95) if values.size else 0.0 for values in known])
     if not (level > 0).all():
-        raise ImageError("a mosaic without light; is the lamp on?")
+        raise ImageError("a mosaic without light, or saturated everywhere; check the lamp and the exposure.")
     return np.asarray(mosaic / level[channels], np.float64)
 
 
@@ -143,9 +145,9 @@ def tonemap(radiance: NDArray[np.floating]) -> NDArray[np.uint8]:
     luminance = radiance @ _REC709 if radiance.ndim == 3 else np.asarray(radiance, np.float64)
     lit = luminance[np.isfinite(luminance) & (luminance > 0)]
     if lit.size == 0:
-        return srgb8(radiance * 0.0)
+        return srgb8(np.where(np.isposinf(radiance), 1.0, 0.0))
     scale = _KEY / np.exp(np.mean(np.log(lit)))
-    burn = max(float(np.percentile(lit, 99.5)) * scale, 1e-6)
+    burn = max(float(np.percentile(lit, _BURNT)) * scale, 1e-6)
     scaled = np.maximum(luminance * scale, 0.0)
     with np.errstate(invalid="ignore"):
         compression = scale * (1.0 + scaled / burn**2) / (1.0 + scaled)

@@ -19,6 +19,7 @@ from processing.peak_tracker import Profiles, track_peaks
 from processing.radiometry import Sensor
 
 _WIDTHS = (0.6, 1.0, 1.7, 2.8)  # starting points of the common width, frames
+_USUAL_WIDTH = 1.5  # frames; what the plans aim at
 _PILOTS = 1500  # pulses that determine it
 _SPAN = 3.5  # widths on either side of the peak (and one frame) that enter the fit
 
@@ -94,16 +95,16 @@ def fit_peaks(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> Pe
 def typical_width(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> float:
     """Standard deviation in frames of the sweep's pulses: the median over bright, unsaturated, single ones.
 
-    The stripe's width over its speed is common to all pixels. 1.5 where no pulse can be told.
+    The stripe's width over its speed is common to all pixels. _USUAL_WIDTH where no pulse can be told.
     """
     pilots = _pilots(profiles, sensor)
     if pilots.brightest.size == 0:
-        return 1.5
+        return _USUAL_WIDTH
     fits = [_fit(pilots, sensor, settings, (width, 1.0, float(profiles.reach))) for width in _WIDTHS]
     cost = np.stack([np.where(f[:, pulse.STATUS] == PeakStatus.OK, f[:, pulse.COST], np.inf) for f in fits])
     width = np.stack([f[:, pulse.WIDTH] for f in fits])[np.argmin(cost, axis=0), np.arange(cost.shape[1])]
     good = width[np.isfinite(cost.min(axis=0))]
-    return float(np.median(good)) if good.size else 1.5
+    return float(np.median(good)) if good.size else _USUAL_WIDTH
 
 
 def _pilots(profiles: Profiles, sensor: Sensor) -> Profiles:
@@ -116,7 +117,7 @@ def _pilots(profiles: Profiles, sensor: Sensor) -> Profiles:
     chosen = np.flatnonzero(clean)
     if chosen.size > _PILOTS:
         chosen = chosen[height_e[chosen] >= np.median(height_e[chosen])]
-        chosen = chosen[:: max(chosen.size // _PILOTS, 1)]
+        chosen = chosen[:: -(-chosen.size // _PILOTS)]
     return Profiles(
         (1, chosen.size),
         profiles.times,

@@ -81,8 +81,9 @@ def test_a_grey_scene_through_coloured_filters_is_grey(cfa, filters):
     scene[10:30, 10:30] = 2.0  # what is brightest is as bright in all channels
     mosaic = scene * np.array(filters)[cfa_channels(cfa, scene.shape)]
     np.testing.assert_allclose(grey_mosaic(mosaic, cfa), scene / 2, rtol=1e-9)
-    with pytest.raises(ImageError, match="light"):
-        grey_mosaic(mosaic * 0, cfa)
+    for dark in (mosaic * 0, mosaic * np.nan):
+        with pytest.raises(ImageError, match="light"):
+            grey_mosaic(dark, cfa)
 
 
 def test_white_balance_keeps_green():
@@ -114,3 +115,4 @@ def test_tone_mapping_keeps_order_and_marks_what_is_not_known():
     assert picture[0, 0].tolist() == [255] * 3
     assert picture[0, 1].tolist() == [0] * 3
     assert not tonemap(np.zeros((3, 3, 3))).any()
+    assert (tonemap(np.full((3, 3, 3), np.inf)) == 255).all()

@@ -4,10 +4,15 @@ Drivers implement these protocols, the runner uses them. Commands that take time
 `fetch` end them, so that motion, exposure and transfer of different devices overlap.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
+
+from rig.interrupts import postponed
+
+log = logging.getLogger(__name__)
 
 
 class Clock(Protocol):
@@ -157,7 +162,8 @@ class Rig:
     def make_safe(self) -> list[str]:
         """Lamps and laser off, motion stopped, exposures dropped; each step is tried whatever fails before it.
 
-        Returns one line per device whose safe state could not be confirmed (empty: all confirmed).
+        A Ctrl-C or a termination waits for all of it, so that no light stays on because of a second one. Returns one
+        line per device whose safe state could not be confirmed (empty: all confirmed).
         """
         actions = [("lamps", self.lamps.off)]
         if self.laser is not None:
@@ -165,11 +171,12 @@ class Rig:
         actions += [(axis.name, axis.stop) for axis in self.axes.values()]
         actions += [(camera.name, camera.abort) for camera in self.cameras.values()]
         unconfirmed = []
-        for device, action in actions:
-            try:
-                action()
-            except Exception as error:  # noqa: BLE001 - whatever fails, the next lamp must still go off
-                unconfirmed.append(f"{device}: unconfirmed ({error})")
+        with postponed():
+            for device, action in actions:
+                try:
+                    action()
+                except Exception as error:  # noqa: BLE001 - whatever fails, the next lamp must still go off
+                    unconfirmed.append(f"{device}: unconfirmed ({error})")
         return unconfirmed
 
     def __enter__(self) -> Self:
@@ -179,7 +186,8 @@ class Rig:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self.make_safe()
+            for line in self.make_safe():
+                log.error("%s", line)
         finally:
             for closer in self.closers:
                 closer.close()

@@ -5,17 +5,15 @@ One thread, the one that calls `run`, commands the devices and lets the rig's ti
 camera's download or an axis' arrival is not cut short.
 """
 
-import signal
-import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from rig.devices import Rig
 from rig.errors import FrameCheckError, ProtocolError, StateError, StoreError, TransportError
+from rig.interrupts import postponed
 from rig.sessions.checks import FrameChecks
 from rig.sessions.choreography import Choreography
 from rig.sessions.forecast import Effort, effort, lower_bound_s
@@ -131,14 +129,15 @@ class Runner:
                     except _HaltError:
                         ending = Action.END
                     finally:
-                        unconfirmed = self._make_safe()
+                        with postponed():
+                            unconfirmed = self._rig.make_safe()
                     self._writer.drain()
             except BaseException as error:
                 ending = Action.FAIL if isinstance(error, Exception) else Action.INTERRUPT
                 self._message = str(error) or type(error).__name__
                 raise
             finally:
-                with _undisturbed():
+                with postponed():
                     report = self._close(ending, unconfirmed)
         return report
 
@@ -209,11 +208,11 @@ class Runner:
         asked = ", ".join(f"{key} {value}" for key, value in step.mount.items())
         self._progress.say("mount", f"mount: {asked}", step.id)
         self._operator(dict(step.mount))
-        self._mounted = step.mount
         self._machine.apply(Action.MOUNTED)
-        self._progress.say("mount", f"mounted: {asked}", step.id)
         self._waited_s = waited_s + self._tick() - begun_s
         self._check_halt()
+        self._mounted = step.mount
+        self._progress.say("mount", f"mounted: {asked}", step.id)
 
     def _wait_state(self) -> None:
         """Enter `waiting`, unless a request came in the meantime: then it is honoured first."""
@@ -244,10 +243,6 @@ class Runner:
     def _check_abort(self) -> None:
         if self.state is State.ABORTING:
             raise _HaltError
-
-    def _make_safe(self) -> list[str]:
-        with _undisturbed():
-            return self._rig.make_safe()
 
     def _close(self, ending: Action, unconfirmed: list[str]) -> RunReport:
         """Write down how it ended; an end that the journal cannot take is still an end."""
@@ -285,23 +280,3 @@ class Runner:
 
     def _changed(self, state: State, action: Action) -> None:
         self._progress.change(lambda: self._machine.state, self._message or action)
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let a Ctrl-C wait until the rig is safe; only the main thread gets them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    asked: list[int] = []
-    previous = {number: signal.signal(number, lambda number, frame: asked.append(number)) for number in _SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler or signal.SIG_DFL)
-    if asked:
-        signal.raise_signal(asked[0])
-
-
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)

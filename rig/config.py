@@ -1,18 +1,27 @@
 """rig.toml: what the rig consists of, and where each device is reached. Degrees and millimetres, as people write."""
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from rig.errors import ConfigError
 
+
+def _ascending(zone: tuple[float, float]) -> tuple[float, float]:
+    if zone[0] > zone[1]:
+        raise ValueError(f"a zone runs from its lower to its upper angle, not from {zone[0]:g} to {zone[1]:g} deg")
+    return zone
+
+
 Degrees = Annotated[float, Field(ge=-3600, le=3600)]
+Zone = Annotated[tuple[Degrees, Degrees], AfterValidator(_ascending)]
 
 
 class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class SampleHolder(_Model):
@@ -40,10 +49,10 @@ class SampleHolder(_Model):
 class BoardConfig(_Model):
     """The ChArUco board of the calibration plan."""
 
-    columns: int
-    rows: int
-    square_mm: float
-    marker_mm: float
+    columns: int = Field(ge=2)
+    rows: int = Field(ge=2)
+    square_mm: float = Field(gt=0)
+    marker_mm: float = Field(gt=0)
     dictionary: str = "DICT_4X4_50"
 
 
@@ -51,22 +60,28 @@ class Bus(_Model):
     """The TMCL serial bus that the axes share."""
 
     port: str
-    baudrate: int = 9600
+    baudrate: int = Field(gt=0, default=9600)
 
 
 class AxisConfig(_Model):
     """One stepper axis on the TMCL bus."""
 
     module: int = Field(ge=1, le=255)
-    motor: int = 0
+    motor: int = Field(ge=0, le=255, default=0)
     steps_per_deg: float = Field(gt=0)
     min_deg: Degrees
     max_deg: Degrees
-    forbidden_deg: tuple[tuple[Degrees, Degrees], ...] = ()  # may not stand there: would block the view
-    collision_deg: tuple[tuple[Degrees, Degrees], ...] = ()  # may not even pass there: would touch another part
+    forbidden_deg: tuple[Zone, ...] = ()  # may not stand there: would block the view
+    collision_deg: tuple[Zone, ...] = ()  # may not even pass there: would touch another part
     speed_deg_s: float = Field(gt=0)
     acceleration_deg_s2: float = Field(gt=0)
     settle_s: float = Field(ge=0, default=0.2)
+
+    @model_validator(mode="after")
+    def _has_a_range(self) -> Self:
+        if self.min_deg > self.max_deg:
+            raise ValueError(f"min_deg {self.min_deg:g} is above max_deg {self.max_deg:g}")
+        return self
 
 
 class LampConfig(_Model):
@@ -101,11 +116,11 @@ class LaserConfig(_Model):
     """The RCX laser unit on the light arc."""
 
     port: str
-    baudrate: int = 2400
+    baudrate: int = Field(gt=0, default=2400)
     distance_mm: float = Field(gt=0)  # nominal distance from the rig origin
     elevations_deg: tuple[Degrees, ...]  # the mountings by hand
-    sweep_ticks: int  # rotation-sensor counts of one sweep (1/16 turn each)
-    ticks_per_s: float  # nominal
+    sweep_ticks: int = Field(gt=0)  # rotation-sensor counts of one sweep (1/16 turn each)
+    ticks_per_s: float = Field(gt=0)  # nominal
 
 
 class ClockConfig(_Model):
@@ -127,6 +142,15 @@ class RigConfig(_Model):
     laser: LaserConfig | None = None
     clock: ClockConfig | None = None
 
+    @model_validator(mode="after")
+    def _one_motor_per_axis(self) -> Self:
+        names: dict[tuple[int, int], str] = {}
+        for name, axis in self.axes.items():
+            other = names.setdefault((axis.module, axis.motor), name)
+            if other != name:
+                raise ValueError(f"axes {other} and {name} are both motor {axis.motor} of module {axis.module}")
+        return self
+
 
 def load_config(path: Path) -> RigConfig:
     """Read rig.toml. Raises ConfigError that names the file, the field and what is wrong with it."""
@@ -136,9 +160,18 @@ def load_config(path: Path) -> RigConfig:
         raise ConfigError(
             f"{path}: no such file. Name a rig.toml with --rig, or start `rig serve --simulated`."
         ) from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}.") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not TOML: {error}") from error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path}: [{where}] {first['msg']} (got {first['input']!r})") from error
+        field = f"[{where}] " if where else ""
+        raise ConfigError(f"{path}: {field}{first['msg']} (got {shown(first['input'])})") from error
+
+
+def shown(value: object) -> str:
+    """A value as a message tells it: in one line, a table by its keys."""
+    text = f"fields {', '.join(map(str, value))}" if isinstance(value, Mapping) else repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."

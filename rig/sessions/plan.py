@@ -7,12 +7,12 @@ one is never ignored.
 import hashlib
 import json
 import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
+from rig.config import shown
 from rig.errors import PlanError
 
 ANGLE_STEP_DEG = 0.01  # finest difference of two angles in a plan: one step of the coarsest axis
@@ -172,9 +172,4 @@ def _first_problem(error: ValidationError) -> str:
     where = ".".join(path[1:] if path and path[0] in kinds else path)
     more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
     field = f"field {where}: " if where else ""
-    return f"{field}{first['msg']} (got {_shown(first['input'])}){more}"
-
-
-def _shown(value: object) -> str:
-    keys = f"fields {', '.join(map(str, value))}" if isinstance(value, Mapping) else repr(value)
-    return keys if len(keys) <= 80 else f"{keys[:77]}..."
+    return f"{field}{first['msg']} (got {shown(first['input'])}){more}"

@@ -12,6 +12,7 @@ from enum import IntEnum
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from processing.errors import ConvergenceError
@@ -90,10 +91,10 @@ def fit_blinn_phong(samples: LobeSamples, exponent_bounds: tuple[float, float] |
     valid = weights > 0
     count = int(valid.any(axis=1).sum())
     if valid.sum(axis=0).min(initial=count) < 3:
-        return no_fit(FitStatus.TOO_FEW_SAMPLES, count)
+        return _no_fit(FitStatus.TOO_FEW_SAMPLES, count)
     scale = _power_of_two(float(np.max(np.abs(samples.value), where=valid, initial=0.0)))
     if not np.isfinite(1 / scale):
-        return no_fit(FitStatus.DIVERGED, count)
+        return _no_fit(FitStatus.DIVERGED, count)
     value = np.where(valid, samples.value, 0.0) / scale
     cos_light = np.where(valid.any(axis=1), samples.cos_light, 0.0)
     cos_half = np.clip(np.where(valid.any(axis=1), samples.cos_half, 0.0), 0.0, 1.0)
@@ -102,7 +103,7 @@ def fit_blinn_phong(samples: LobeSamples, exponent_bounds: tuple[float, float] |
     return _finish(_Problem(value, weights, cos_light, cos_half, exponent), samples, scale, bounds)
 
 
-def no_fit(status: FitStatus, samples: int) -> PhongFit:
+def _no_fit(status: FitStatus, samples: int) -> PhongFit:
     """A fit without a lobe: all of it zero, and why."""
     lobe = BlinnPhong(np.zeros(3), np.zeros(3), SMALLEST_EXPONENT)
     return PhongFit(lobe, np.zeros((7, 7)), np.full(3, np.nan), samples, status)
@@ -255,20 +256,26 @@ def _finish(problem: _Problem, samples: LobeSamples, scale: float, bounds: tuple
     # One unit of weight is one over the smallest variance; without variances the residual tells its own.
     unit = (problem.weights * squared).sum() / max(int(valid.sum()) - 7, 1)
     if samples.variance is not None:
-        unit = float(np.min(samples.variance, where=valid, initial=np.inf)) / scale**2
+        unit = float(np.min(samples.variance, where=valid, initial=np.inf)) / scale / scale
     free = np.concatenate([k.ravel() > 0, [bool((k[1] > 0).any())]])
+    with np.errstate(over="ignore", invalid="ignore"):  # squares beyond the range of numbers: told below
+        lobe, mse = BlinnPhong(k[0] * scale, k[1] * scale, problem.exponent), mse * scale * scale
+        covariance = _covariance(problem.information(k), free, unit, scale)
+    count = int(valid.any(axis=1).sum())
+    found = np.concatenate([lobe.diffuse, lobe.specular, [lobe.exponent], mse, covariance.ravel()])
+    if not np.isfinite(found).all():
+        return _no_fit(FitStatus.DIVERGED, count)
+    resting = not free.all() or not bounds[0] * 1.001 < problem.exponent < bounds[1] * 0.999
+    return PhongFit(lobe, covariance, mse, count, FitStatus.AT_BOUND if resting else FitStatus.CONVERGED)
+
+
+def _covariance(information: Float64, free: NDArray[np.bool_], unit: float, scale: float) -> Float64:
+    """Covariance (7, 7) of the parameters that are free, the others' zero, in the values' own unit."""
     covariance = np.zeros((7, 7))
     index = np.ix_(free, free)
-    covariance[index] = np.linalg.pinv(problem.information(k)[index], hermitian=True) * unit
+    covariance[index] = np.linalg.pinv(information[index], hermitian=True) * unit
     units = np.array([scale] * 6 + [1.0])
-    lobe = BlinnPhong(k[0] * scale, k[1] * scale, problem.exponent)
-    found = np.concatenate([lobe.diffuse, lobe.specular, [lobe.exponent], mse])
-    count = int(valid.any(axis=1).sum())
-    if not np.isfinite(found).all():
-        return no_fit(FitStatus.DIVERGED, count)
-    resting = not free.all() or not bounds[0] * 1.001 < problem.exponent < bounds[1] * 0.999
-    status = FitStatus.AT_BOUND if resting else FitStatus.CONVERGED
-    return PhongFit(lobe, covariance * np.outer(units, units), mse * scale**2, count, status)
+    return covariance * units * units[:, None]
 
 
 def _power_of_two(value: float) -> float:

@@ -19,7 +19,7 @@ from processing.peak_tracker import Profiles, track_peaks
 from processing.radiometry import Sensor
 
 _WIDTHS = (0.6, 1.0, 1.7, 2.8)  # starting points of the common width, frames
-_USUAL_WIDTH = 1.5  # frames; what the plans aim at
+_USUAL_WIDTH = 1.5  # frames; where nothing is seen, nothing depends on it
 _PILOTS = 1500  # pulses that determine it
 _SPAN = 3.5  # widths on either side of the peak (and one frame) that enter the fit
 
@@ -95,7 +95,7 @@ def fit_peaks(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> Pe
 def typical_width(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> float:
     """Standard deviation in frames of the sweep's pulses: the median over bright, unsaturated, single ones.
 
-    The stripe's width over its speed is common to all pixels. _USUAL_WIDTH where no pulse can be told.
+    The stripe's width over its speed is common to all pixels. 1.5 where no pulse can be told.
     """
     pilots = _pilots(profiles, sensor)
     if pilots.brightest.size == 0:

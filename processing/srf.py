@@ -17,17 +17,6 @@ from processing.products import BlinnPhong, Btf, ReflectanceMaps, Srf, half_vect
 from processing.products.arrays import Float32, Float64
 from processing.residual import RANK_TOLERANCE, NormalEquations, ResidualFit, fit_residual, left_over, outer_products
 
-__all__ = [
-    "Measurements",
-    "SrfFit",
-    "fit_phong",
-    "fit_phong_per_direction",
-    "fit_phong_to_btf",
-    "fit_srf",
-    "fit_srf_to_btf",
-    "sphere_measurements",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class SrfFit:

@@ -12,6 +12,13 @@ def model(parameters, cos_light, cos_half):
     return cos_light[:, None] * parameters[:3] + lobe[:, None] * parameters[3:6]
 
 
+def half_angle_sums(value, weights, cos_light, cos_half, count):
+    """Sums (bin, 3, channel) of w, w N.L, w value by half angle: each sample shared by the two nearest bins."""
+    share = np.maximum(1 - np.abs(np.arccos(cos_half)[:, None] / (np.pi / 2) * (count - 1) - np.arange(count)), 0)
+    moments = np.stack([weights, weights * cos_light[:, None], weights * value], axis=1)
+    return np.einsum("mb,mkc->bkc", share, moments)
+
+
 def fit(value, cos_light, cos_half, sigma, bounds):
     """The best parameters (7,) of all starts and their cost."""
     scale = np.abs(value).max()

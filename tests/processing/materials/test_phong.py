@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from processing import phong
 from processing.errors import ConvergenceError
 from processing.phong import (
     FitStatus,
@@ -117,6 +118,22 @@ def test_invalid_samples_are_as_if_they_were_not_there(seed, share):
     np.testing.assert_allclose(marked.phong.exponent, only.phong.exponent, rtol=1e-5)
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 40), st.integers(2, 60))
+def test_sums_by_half_angle_equal_their_numpy_twin(seed, count, bins):
+    """Both ends of the range among the half angles."""
+    rng = np.random.default_rng(seed)
+    cos_half = np.concatenate([[0.0, 1.0], rng.uniform(0, 1, count)])
+    cos_light, value, weights = (
+        rng.uniform(0, 1, count + 2),
+        rng.normal(size=(count + 2, 3)),
+        rng.random((count + 2, 3)),
+    )
+    sums = phong._bins(value, weights, cos_light, cos_half, bins)
+    twin = reference.half_angle_sums(value, weights, cos_light, cos_half, bins)
+    np.testing.assert_allclose(sums, twin, atol=1e-9)
+
+
 def test_order_of_the_samples_does_not_matter(rng):
     samples, _ = noisy(rng, material(rng))
     turn = rng.permutation(len(samples.cos_light))
@@ -186,11 +203,24 @@ def test_too_few_samples_is_a_status(count):
         fit.check()
 
 
-def test_values_at_the_end_of_the_number_range_are_a_status(rng):
+@pytest.mark.parametrize("value", [5e-324, 1e170, 1e300])
+@pytest.mark.parametrize("variance", [None, 1e-300, 1e300])
+def test_values_at_the_end_of_the_number_range_are_a_status(rng, value, variance):
+    """They, or their squares, are no numbers any more."""
     cos_light, cos_half = cosines(rng, 50)
-    fit = fit_blinn_phong(LobeSamples(np.full((50, 3), 5e-324), cos_light, cos_half))
+    known = None if variance is None else np.full((50, 3), variance)
+    fit = fit_blinn_phong(LobeSamples(np.full((50, 3), value), cos_light, cos_half, known))
     assert fit.status == FitStatus.DIVERGED
     assert np.isfinite(fit.phong.diffuse).all()
+
+
+def test_small_values_are_no_trouble_where_their_squares_are_none(rng):
+    lobe = BlinnPhong(np.full(3, 0.2), np.full(3, 0.8), 60.0)
+    cos_light, cos_half = cosines(rng)
+    value = 1e-170 * lobe.evaluate_cosines(cos_light, cos_half)
+    fit = fit_blinn_phong(LobeSamples(value, cos_light, cos_half, np.full((2000, 3), 1e-300)))
+    np.testing.assert_allclose(fit.phong.specular, 0.8e-170, rtol=1e-4)
+    assert np.isfinite(fit.covariance).all()
 
 
 def test_average_is_over_the_usable_sets(rng):

@@ -275,7 +275,7 @@ def _covariance(information: Float64, free: NDArray[np.bool_], unit: float, scal
     index = np.ix_(free, free)
     covariance[index] = np.linalg.pinv(information[index], hermitian=True) * unit
     units = np.array([scale] * 6 + [1.0])
-    return covariance * units * units[:, None]
+    return np.asarray(covariance * units * units[:, None], np.float64)
 
 
 def _power_of_two(value: float) -> float:

@@ -11,7 +11,7 @@ import zarr
 
 from processing.errors import ImageError
 from processing.products.arrays import Float32, Float64
-from processing.products.provenance import Provenance, read_description, write_description
+from processing.products.provenance import Provenance, read_arrays, read_description, write_description
 
 KIND = "btf"
 _STORE = "btf.zarr"
@@ -89,9 +89,12 @@ class StoredBtf:
     def open(cls, folder: Path) -> "StoredBtf":
         """Open for reading; raises ImageError where the folder holds something else."""
         content, provenance = read_description(folder, KIND)
-        with np.load(folder / content["directions"]) as directions:
+        light, view = read_arrays(folder / content["directions"], ("light", "view"))
+        try:
             array = zarr.open_array(store=folder / content["store"], mode="r")
-            return cls(array, directions["light"], directions["view"], provenance)
+        except (OSError, ValueError, KeyError, zarr.errors.BaseZarrError) as error:
+            raise ImageError(f"{folder / content['store']}: not an array store; process the session again") from error
+        return cls(array, light, view, provenance)
 
     @property
     def shape(self) -> tuple[int, ...]:

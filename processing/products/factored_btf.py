@@ -7,7 +7,7 @@ import numpy as np
 
 from processing.products.arrays import Float32, Float64
 from processing.products.directions import DirectionMesh
-from processing.products.provenance import Provenance, read_description, write_description
+from processing.products.provenance import Provenance, read_arrays, read_description, write_description
 from processing.products.texture import bilinear_taps
 
 KIND = "factored_btf"
@@ -56,11 +56,12 @@ class FactoredBtf:
     def load(cls, folder: Path) -> "FactoredBtf":
         """Read what `save` wrote; raises ImageError where the folder holds something else."""
         content, provenance = read_description(folder, KIND)
-        with np.load(folder / content["file"]) as stored:
-            return cls(
-                stored["eigenmaps"],
-                stored["weights"],
-                DirectionMesh.from_directions(stored["light_directions"]),
-                DirectionMesh.from_directions(stored["view_directions"]),
-                provenance,
-            )
+        names = ("eigenmaps", "weights", "light_directions", "view_directions")
+        eigenmaps, weights, lights, views = read_arrays(folder / content["file"], names)
+        return cls(
+            eigenmaps,
+            weights,
+            DirectionMesh.from_directions(lights),
+            DirectionMesh.from_directions(views),
+            provenance,
+        )

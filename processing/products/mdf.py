@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.products.arrays import Float32, Float64
-from processing.products.provenance import Provenance, read_description, write_description
+from processing.products.provenance import Provenance, read_arrays, read_description, write_description
 
 KIND = "mdf"
 MISSING_CODE = 255
@@ -55,14 +55,9 @@ class Mdf:
     def load(cls, folder: Path) -> "Mdf":
         """Read what `save` wrote; raises ImageError where the folder holds something else."""
         content, provenance = read_description(folder, KIND)
-        with np.load(folder / content["file"]) as stored:
-            return cls(
-                stored["displacement_m"],
-                stored["variance_m2"],
-                stored["view_directions"],
-                float(content["side_m"]),
-                provenance,
-            )
+        names = ("displacement_m", "variance_m2", "view_directions")
+        displacement_m, variance_m2, directions = read_arrays(folder / content["file"], names)
+        return cls(displacement_m, variance_m2, directions, float(content["side_m"]), provenance)
 
 
 def unpack8(code: NDArray[np.uint8], scale_m: float) -> Float32:

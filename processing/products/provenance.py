@@ -1,10 +1,16 @@
 """What every product folder says about itself: kind, schema, versions, and what it was made from."""
 
 import json
+import zlib
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
 
 from processing.errors import ImageError
 
@@ -47,6 +53,15 @@ def write_description(folder: Path, kind: str, content: dict[str, Any], provenan
         "content": content,
     }
     (folder / DESCRIPTION).write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+
+
+def read_arrays(path: Path, names: Sequence[str]) -> list[NDArray[Any]]:
+    """Arrays of an .npz file by name; raises ImageError that names it where it is missing, damaged or lacks one."""
+    try:
+        with path.open("rb") as file, np.load(file) as stored:  # np.load itself leaves a damaged file open
+            return [stored[name] for name in names]
+    except (OSError, ValueError, EOFError, KeyError, BadZipFile, zlib.error) as error:
+        raise ImageError(f"{path}: not a whole file of arrays ({error}); process the session again") from error
 
 
 def read_description(folder: Path, kind: str) -> tuple[dict[str, Any], Provenance]:

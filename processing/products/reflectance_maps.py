@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from processing.products.arrays import Float32, Float64
-from processing.products.provenance import Provenance, read_description, write_description
+from processing.products.provenance import Provenance, read_arrays, read_description, write_description
 from processing.products.sphere import sphere_normals
 
 KIND = "reflectance_maps"
@@ -59,15 +59,9 @@ class ReflectanceMaps:
     def load(cls, folder: Path) -> "ReflectanceMaps":
         """Read what `save` wrote; raises ImageError where the folder holds something else."""
         content, provenance = read_description(folder, KIND)
-        with np.load(folder / content["file"]) as stored:
-            return cls(
-                stored["reflectance_cos"],
-                stored["variance"],
-                stored["light_directions"],
-                stored["light_distances"],
-                float(stored["view_distance"]),
-                provenance,
-            )
+        names = ("reflectance_cos", "variance", "light_directions", "light_distances", "view_distance")
+        reflectance, variance, lights, distances, view_distance = read_arrays(folder / content["file"], names)
+        return cls(reflectance, variance, lights, distances, float(view_distance), provenance)
 
 
 def _toward(points: Float64, direction: Float64, distance: float) -> Float64:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
+from processing.errors import ImageError
 from processing.products.arrays import Float32, Float64
 from processing.products.blinn_phong import BlinnPhong, half_vectors
 from processing.products.provenance import Provenance, read_description, write_description
@@ -54,7 +55,10 @@ class Srf:
     def load(cls, folder: Path) -> "Srf":
         """Read what `save` wrote; raises ImageError where the folder holds something else."""
         content, provenance = read_description(folder, KIND)
-        with OpenEXR.File(str(folder / content["file"])) as image:
-            packed = np.array(image.channels()["RGB"].pixels, np.float32)
-        residual = np.stack(np.split(packed, 3, axis=1))
+        try:
+            with OpenEXR.File(str(folder / content["file"])) as image:
+                packed = np.array(image.channels()["RGB"].pixels, np.float32)
+            residual = np.stack(np.split(packed, 3, axis=1))
+        except (OSError, RuntimeError, ValueError, KeyError) as error:
+            raise ImageError(f"{folder / content['file']}: not a whole image; process the session again") from error
         return cls(residual, BlinnPhong.from_dict(content["phong"]), content["wrap"], provenance)

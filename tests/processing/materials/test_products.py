@@ -212,6 +212,43 @@ def test_a_folder_with_something_else_is_named(tmp_path, rng):
         Srf.load(tmp_path / "nowhere")
 
 
+def damaged(path):
+    """The file gone, cut in the middle, empty, or another file altogether."""
+    content = path.read_bytes()
+    yield path.unlink()
+    for other in (content[: len(content) // 2], content[:-20], b"", b"hello"):
+        yield path.write_bytes(other)
+
+
+def test_a_damaged_file_of_a_product_is_named(tmp_path, rng, hemisphere):
+    mesh = DirectionMesh.from_directions(hemisphere[:5])
+    cube = rng.random((2, 3, 4, 4, 3)).astype(np.float32)
+    products = {
+        "srf.exr": Srf(rng.normal(size=(3, 20, 20, 3)).astype(np.float32), LOBE, wrap=True),
+        "mdf.npz": Mdf(*cube[:, :, :, :, 0], np.eye(3), 0.06),
+        "reflectance_maps.npz": ReflectanceMaps(*cube, np.eye(3), np.full(3, np.inf), 22.0),
+        "factors.npz": FactoredBtf(rng.random((1, 5, 2, 2, 3)), rng.random((1, 5)), mesh, mesh),
+        "directions.npz": Btf(rng.random((5, 5, 2, 2, 3)).astype(np.float32), hemisphere[:5], hemisphere[:5]),
+    }
+    for name, product in products.items():
+        folder = tmp_path / name
+        product.save(folder)
+        for _ in damaged(folder / name):
+            with pytest.raises(ImageError, match=name):
+                type(product).load(folder)
+
+
+def test_a_btf_without_its_store_is_named(tmp_path, rng, hemisphere):
+    Btf(rng.random((5, 5, 2, 2, 3)).astype(np.float32), hemisphere[:5], hemisphere[:5]).save(tmp_path)
+    store = tmp_path / "btf.zarr"
+    (store / "zarr.json").write_text("{")
+    with pytest.raises(ImageError, match=r"btf\.zarr"):
+        StoredBtf.open(tmp_path)
+    store.rename(tmp_path / "elsewhere")
+    with pytest.raises(ImageError, match=r"btf\.zarr"):
+        StoredBtf.open(tmp_path)
+
+
 def test_description_says_versions_and_origin(tmp_path, rng):
     Srf(rng.normal(size=(3, 2, 2, 3)).astype(np.float32), LOBE, True, MADE_FROM).save(tmp_path)
     description = json.loads((tmp_path / "product.json").read_text())

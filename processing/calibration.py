@@ -25,7 +25,8 @@ class CameraModel:
     """One camera: `matrix` (3, 3), `distortion` (5,) k1 k2 p1 p2 k3, `rig_from_camera` (4, 4), `size` (rows, columns).
 
     `rms_px` is the root mean square distance between found and predicted corners. `deviation` (15,) are one-sigma
-    uncertainties of fx fy cx cy (px), k1 k2 p1 p2 k3, rotation (rad) and position (m); NaN where unknown.
+    uncertainties of fx fy cx cy (px), k1 k2 p1 p2 k3, and of the turn (rad) and shift (m) of `camera_from_rig`, in the
+    camera's axes; NaN where unknown.
     """
 
     matrix: Array

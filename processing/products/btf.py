@@ -59,8 +59,9 @@ class Btf:
         chunks = _chunks(shape)
         shards = (*chunks[:2], *(math.ceil(n / c) * c for n, c in zip(shape[2:], chunks[2:], strict=True)))
         store: Any = zarr.create_array(
-            store=folder / _STORE, shape=shape, chunks=chunks, shards=shards, dtype="float16", overwrite=True
-        )
+            store=folder / _STORE, shape=shape, chunks=chunks, shards=shards, dtype="float16", overwrite=True,
+            fill_value=math.nan,  # a shard that got lost is not measured, not black
+        )  # fmt: skip
         for lights in _spans(shape[0], chunks[0]):
             for views in _spans(shape[1], chunks[1]):
                 store[lights, views] = self.reflectance[lights, views].astype(np.float16)

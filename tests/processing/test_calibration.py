@@ -65,14 +65,12 @@ SIZES = {f"cam{i}": SIZE for i in range(4)}
 
 
 def normalised_errors(true, found):
-    """Errors of fx fy cx cy and position in units of the deviations claimed."""
-    inside = (found.matrix - true.matrix)[[0, 1, 0, 1], [0, 1, 2, 2]] / found.deviation[:4]
-    return np.concatenate([inside, (found.centre_m - true.centre_m) / position_sigma(found)])
-
-
-def position_sigma(camera):
-    """The deviations are of the shift in camera_from_rig; the centre's are of the same length, turned."""
-    return np.linalg.norm(camera.deviation[12:]) * np.ones(3)
+    """Errors of fx fy cx cy, k1 k2 p1 p2 k3, turn and shift of camera_from_rig in units of the deviations claimed."""
+    inside = (found.matrix - true.matrix)[[0, 1, 0, 1], [0, 1, 2, 2]]
+    poses = [geometry.invert(camera.rig_from_camera) for camera in (found, true)]
+    turn = geometry.rotation_vector(poses[0] @ geometry.invert(poses[1]))
+    shift = poses[0][:3, 3] - poses[1][:3, 3]
+    return np.concatenate([inside, found.distortion - true.distortion, turn, shift]) / found.deviation
 
 
 def test_exact_corners_give_what_they_were_made_with():

@@ -238,6 +238,16 @@ def test_a_damaged_file_of_a_product_is_named(tmp_path, rng, hemisphere):
                 type(product).load(folder)
 
 
+def test_a_shard_that_got_lost_is_not_measured_rather_than_black(tmp_path, rng):
+    directions = rng.normal(size=(9, 3))
+    Btf(rng.random((9, 9, 4, 4, 3)).astype(np.float32) + 0.1, directions, directions).save(tmp_path)
+    (tmp_path / "btf.zarr" / "c" / "1" / "0" / "0" / "0" / "0").unlink()
+    lost = np.zeros((9, 9), bool)
+    lost[8:, :8] = True
+    back = Btf.load(tmp_path).reflectance
+    np.testing.assert_array_equal(np.isnan(back), np.broadcast_to(lost[..., None, None, None], back.shape))
+
+
 def test_a_btf_without_its_store_is_named(tmp_path, rng, hemisphere):
     Btf(rng.random((5, 5, 2, 2, 3)).astype(np.float32), hemisphere[:5], hemisphere[:5]).save(tmp_path)
     store = tmp_path / "btf.zarr"

@@ -54,7 +54,10 @@ class Motion:
         return Motion(self.start_ns, self.legs + _trapezoid(self.end, 0.0, end, velocity_max, acceleration), end)
 
     def crosses(self, position: float, direction: int) -> int | None:
-        """The first time at which the motion passes a position upward (1) or downward (-1); None for never."""
+        """The first time at which the motion is at a position, or beyond, and goes on upward (1) or downward (-1).
+
+        None for never.
+        """
         elapsed_s = 0.0
         for leg in self.legs:
             inside_s = _time_at(leg, position, direction)
@@ -65,7 +68,10 @@ class Motion:
 
 
 def _time_at(leg: Leg, position: float, direction: int) -> float | None:
-    """First time within the leg at which it passes the position in that direction."""
+    """First time within the leg at which it passes the position in that direction, or leads on from beyond it."""
+    outward = (leg.velocity or leg.acceleration) * direction > 0
+    if leg.duration_s > 0 and outward and (leg.position - position) * direction >= 0:
+        return 0.0
     a, b, c = leg.acceleration / 2, leg.velocity, leg.position - position
     if a == 0:
         roots = [-c / b] if b else []
@@ -117,7 +123,7 @@ def rotate(start_ns: int, at: tuple[float, float], velocity: float, acceleration
     ramp = Leg(abs(velocity - now) / acceleration, position, now, math.copysign(acceleration, velocity - now))
     reached = ramp.at(ramp.duration_s)[0]
     if velocity == 0:
-        return Motion(start_ns, (replace(ramp),), round(reached))
+        return Motion(start_ns, (ramp,), round(reached))
     return Motion(start_ns, (ramp, Leg(math.inf, reached, velocity, 0.0)), math.inf)
 
 

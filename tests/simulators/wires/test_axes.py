@@ -245,6 +245,17 @@ def test_lost_steps_are_not_in_the_counter(ask, clock, faults, world):
     assert stage.angle_rad() - before == pytest.approx(-0.0349, abs=3e-4), "2 deg off"
 
 
+def test_a_search_begun_before_the_steps_are_lost_ends_at_the_switch(ask, clock, faults, world):
+    """They belong to the move that the search has ended."""
+    faults.add({"device": "turntable", "kind": "lost_steps", "steps": -320})
+    ask(3, MVP, value=16000)
+    clock.advance(0.1)
+    ask(3, RFS, 0)
+    clock.advance(60.0)
+    assert ask(3, GAP, 9) == (OK, 1)
+    assert abs(world.stages["turntable"].angle_rad()) < 2e-4, "repeatability of 0.008 deg"
+
+
 def test_parameters_pins_and_globals(ask):
     assert ask(1, SAP, 6, value=200) == (OK, 200)
     assert ask(1, GAP, 6) == (OK, 200)

@@ -69,6 +69,21 @@ def test_end_switch_cuts_a_motion(direction):
     assert stepper.mechanical(200 * NS_PER_S) == 30.0, "the way back is free"
 
 
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_end_switch_holds_an_axis_that_stands_on_it(direction):
+    """Told to go on, by a rotation or by a move, it stays."""
+    stepper = Stepper(slip=30.0, end_switches=(-1000.0, 1000.0))
+    stepper.start(rotate(0, (0.0, 0.0), direction * 400, 800))
+    time_ns = 100 * NS_PER_S
+    for onward in (
+        rotate(time_ns, stepper.exact(time_ns), direction * 400, 800),
+        move(time_ns, stepper.exact(time_ns), direction * 5000, 400, 800),
+    ):
+        stepper.start(onward)
+        assert stepper.mechanical(2 * time_ns) == pytest.approx(direction * 1000, abs=1)
+        assert not stepper.moving(2 * time_ns)
+
+
 def test_redefinition_moves_nothing():
     stepper = Stepper(slip=12.0, end_switches=(-inf, inf))
     stepper.start(move(0, (0, 0.0), 500, 400, 800))

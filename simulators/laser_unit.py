@@ -10,14 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from simulators.clock import NS_PER_S, Clock
+from simulators.clock import NS_PER_S, Clock, Event
 from simulators.line import Line
 from simulators.world import World
 
 HEADER = b"\xff\x00"  # the 55 before it is often lost
 ROM_VERSION, FIRMWARE_VERSION = (3, 1), (3, 32)
 MOTOR, LASER = 1, 2  # bits of the outputs A and B
-ROTATION, ANGLE_MODE = 4, 0xE0
+ROTATION = 4  # type of a sensor
 POWER_DOWN_MIN = 15
 BATTERY_MV = 9000
 FIXED_LENGTHS = {0xF7: 2, 0xFF: 2}  # opcodes whose low three bits do not count their parameters
@@ -59,31 +59,32 @@ class Brick:
     program: int = 0
     tasks: dict[int, bytes] = field(default_factory=dict)
     running: set[int] = field(default_factory=set)
-    range_far: bool = False
     _zero_ticks: float = 0.0
     _last_opcode: int | None = None
     _last_reply: bytes | None = None
-    _last_heard_ns: int = 0
+    _power_down: Event | None = None
     _loading: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        self._await_power_down()
 
     def switch(self, on: bool) -> None:
         """Press the power button, or let the brick switch itself off; off, it forgets its toggle bit and sensor."""
         self.powered = on
         self._last_opcode = self._last_reply = None
-        self._last_heard_ns = self.clock.now_ns()
         if not on:
             self.running.clear()
             for bit in self.outputs:
                 self._output(bit, 0x40)
         self.types, self.modes, self._zero_ticks = [0] * INPUTS, [0] * INPUTS, self._ticks()
         self.power_down_min = POWER_DOWN_MIN
+        self._await_power_down()
 
     def answer(self, payload: bytes) -> bytes | None:
         """The reply's payload; None where the brick stays silent."""
-        self._check_power_down()
         if not self.powered:
             return None
-        self._last_heard_ns = self.clock.now_ns()
+        self._await_power_down()
         opcode = payload[0]
         if opcode in FIXED_LENGTHS:
             self.message = payload[1]
@@ -109,10 +110,13 @@ class Brick:
             "running": sorted(self.running),
         }
 
-    def _check_power_down(self) -> None:
-        idle_s = (self.clock.now_ns() - self._last_heard_ns) / NS_PER_S
-        if self.powered and self.power_down_min and idle_s > 60 * self.power_down_min:
-            self.switch(on=False)
+    def _await_power_down(self) -> None:
+        """Count the time until the brick switches itself off from now on."""
+        if self._power_down is not None:
+            self._power_down.cancel()
+        self._power_down = None
+        if self.powered and self.power_down_min:
+            self._power_down = self.clock.after(60.0 * self.power_down_min, lambda: self.switch(on=False))
 
     def _ticks(self) -> float:
         return self.world.laser.motor.ticks(self.clock.now_ns())
@@ -171,12 +175,9 @@ class Brick:
             self._zero_ticks = self._ticks()
         return b""
 
-    def _range(self, argument: bytes) -> bytes:
-        self.range_far = bool(argument[0])
-        return b""
-
     def _power_down_delay(self, argument: bytes) -> bytes:
         self.power_down_min = argument[0]
+        self._await_power_down()
         return b""
 
     def _power_off(self, _: bytes) -> bytes:
@@ -271,7 +272,7 @@ class Brick:
 
     _opcodes: ClassVar[dict[int, Callable[["Brick", bytes], bytes | None]]] = {
         0x10: _alive, 0x15: _versions, 0x30: _battery, 0x12: _value, 0x32: _set_type,
-        0x42: _set_mode, 0xD1: _clear, 0x31: _range, 0xB1: _power_down_delay,
+        0x42: _set_mode, 0xD1: _clear, 0x31: _nothing, 0xB1: _power_down_delay,
         0x60: _power_off, 0x13: _power, 0x21: _on_off, 0xE1: _direction,
         0x50: _stop_tasks, 0x71: _start_task, 0x81: _stop_task, 0x40: _delete_tasks,
         0x70: _nothing, 0x51: _nothing, 0x22: _nothing, 0x91: _select_program,

@@ -174,9 +174,9 @@ def test_power_goes_off_after_the_delay(ask, clock, world, delay, answers):
     for payload in (delay, "13 03 02 07", "e1 83", "21 83"):
         ask(payload)
     clock.advance(120.0)
-    assert (ask("10") is not None) is answers
-    assert world.laser.on is answers
+    assert world.laser.on is answers, "it goes off by itself, not at the next message"
     assert (world.laser.motor.run is not None) is answers
+    assert (ask("10") is not None) is answers
 
 
 def test_switched_on_again_it_has_forgotten(ask, brick):

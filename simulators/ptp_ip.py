@@ -62,7 +62,7 @@ class Responder:
 
     def receive(self, connection: Connection, data: bytes) -> None:
         """Take bytes of a connection; several packets or parts of one."""
-        buffered = self._buffers.get(connection, b"") + data
+        buffered = self._buffers[connection] = self._buffers.get(connection, b"") + data
         while len(buffered) >= 8:
             length, kind = struct.unpack_from("<II", buffered)
             if not 8 <= length <= PACKET_MAX:
@@ -70,11 +70,12 @@ class Responder:
                 self.lost(connection)
                 return
             if len(buffered) < length:
-                break
+                return
             body, buffered = buffered[8:length], buffered[length:]
             self._buffers[connection] = buffered
             self._handle(connection, kind, body)
-        self._buffers[connection] = buffered
+            if connection not in self._buffers:  # closed by what it asked for
+                return
 
     def lost(self, connection: Connection) -> None:
         """The connection is gone; without its command connection a host is gone and its exposures are dropped."""

@@ -146,6 +146,14 @@ def test_second_host_is_refused(client, cameras, vectors):
     assert client.operate(0x1001)[0] == OK
 
 
+def test_what_follows_a_refusal_is_not_obeyed(client, cameras, vectors):
+    """The connection is closed: bytes that came in the same breath find nobody."""
+    ptp, second = vectors("ptp"), Host(cameras["cam2"])
+    cameras["cam2"].receive(second, ptp["init_command_request"]["wire"] + ptp["ping"]["wire"])
+    assert [kind for kind, _ in second.take()] == [5]
+    assert second.closed
+
+
 def test_packets_in_single_bytes(cameras, vectors):
     host = Host(cameras["cam0"])
     for byte in vectors("ptp")["init_command_request"]["wire"]:

@@ -14,8 +14,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from simulators.chance import uniform
 from simulators.layout import Layout
-from simulators.motor import keyed_uniform
 
 
 class FaultError(Exception):
@@ -95,6 +95,8 @@ class FaultSchedule:
             entries = tomllib.loads(path.read_text(encoding="utf-8")).get("fault", [])
         except (OSError, ValueError) as error:
             raise FaultError(f"{path}: {error}") from error
+        if not isinstance(entries, list):
+            raise FaultError(f"{path}: 'fault' is no array of tables")
         for entry in entries:
             self.add(entry)
 
@@ -151,4 +153,4 @@ class FaultSchedule:
         number = self._seen[fault.device, occasion]
         if self._struck[index] >= fault.count or number < (fault.at_message or 0) or time_s < (fault.at_time_s or 0.0):
             return False
-        return keyed_uniform(self._seed, "fault", index, number) < fault.probability
+        return uniform(self._seed, "fault", index, number) < fault.probability

@@ -1,21 +1,15 @@
 """The LEGO motor that turns the laser's fan plane: uneven speed, and the rotation sensor on its axle."""
 
-import hashlib
 import math
 from dataclasses import dataclass
 
+from simulators.chance import Key, uniform
 from simulators.clock import NS_PER_S
 
 SPIN_UP_S = 0.12  # time constant from rest to speed
 RIPPLE, RIPPLE_HZ = 0.03, 1.7  # gear eccentricity
 DRIFT, DRIFT_HZ = 0.03, 0.045  # friction and battery over a sweep
 SPREAD = 0.01  # of the mean speed from run to run
-
-
-def keyed_uniform(*key: int | str) -> float:
-    """A number in [0, 1) that belongs to the key."""
-    digest = hashlib.blake2b(repr(key).encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "big") / 2**64
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +50,13 @@ class LaserMotor:
         turned = self._rest if self.run is None else self.run.ticks(time_ns)
         return min(max(turned, self.stops[0]), self.stops[1])
 
-    def turn(self, time_ns: int, direction: int, power: int, key: tuple[int | str, ...]) -> None:
+    def turn(self, time_ns: int, direction: int, power: int, key: Key) -> None:
         """Turn at a power of 0 to 7 (direction 1 forward, -1 reverse, 0 stop). The key fixes the unevenness."""
         self._rest = self.ticks(time_ns)
         if direction == 0:
             self.run = None
             return
-        spread = 1 + SPREAD * (2 * keyed_uniform(*key, "speed") - 1)
+        spread = 1 + SPREAD * (2 * uniform(*key, "speed") - 1)
         speed = direction * self.ticks_per_s * (0.65 + 0.05 * power) * spread
-        phases = [2 * math.pi * keyed_uniform(*key, name) for name in ("ripple", "drift")]
+        phases = [2 * math.pi * uniform(*key, name) for name in ("ripple", "drift")]
         self.run = Run(time_ns, self._rest, speed, phases[0], phases[1])

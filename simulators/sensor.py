@@ -1,11 +1,12 @@
 """The Bayer sensor: electrons become counts, with the noise that photons and electronics add."""
 
-import hashlib
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from simulators.chance import Key, generator
 
 GAUSSIAN_ABOVE_E = 50.0  # shot noise is exactly Poisson below, Gaussian of the same variance above
 
@@ -27,7 +28,7 @@ class Sensor:
         full_e = self.gain_e_per_dn * (self.white_dn - self.black_dn)
         return 1.0 / full_e, (self.read_noise_e / full_e) ** 2
 
-    def dark_current(self, shape: tuple[int, int], key: tuple[int | str, ...]) -> NDArray[np.float32]:
+    def dark_current(self, shape: tuple[int, int], key: Key) -> NDArray[np.float32]:
         """Dark current (h, w), electrons per second: even but for a few hot pixels, the same for the same key."""
         rng = generator(key)
         dark = np.full(shape, self.dark_e_s, np.float32)
@@ -36,9 +37,7 @@ class Sensor:
         dark[hot] = np.exp(rng.uniform(low, high, int(hot.sum())))
         return dark
 
-    def expose(
-        self, rate_e_s: NDArray[np.float32], exposure_s: float, key: tuple[int | str, ...]
-    ) -> NDArray[np.uint16]:
+    def expose(self, rate_e_s: NDArray[np.float32], exposure_s: float, key: Key) -> NDArray[np.uint16]:
         """Counts (h, w) of one exposure of a mosaic of electron rates (h, w).
 
         The same key gives the same bits, whatever was exposed before.
@@ -50,12 +49,6 @@ class Sensor:
         levels = (self.gain_e_per_dn, self.read_noise_e, float(self.black_dn), float(self.white_dn))
         _expose(rate_e_s.ravel(), exposure_s, normal.ravel(), uniform.ravel(), levels, counts.ravel())
         return counts
-
-
-def generator(key: tuple[int | str, ...]) -> np.random.Generator:
-    """A random generator that depends on nothing but the key."""
-    digest = hashlib.blake2b(repr(key).encode(), digest_size=16).digest()
-    return np.random.Generator(np.random.PCG64(int.from_bytes(digest, "little")))
 
 
 @numba.njit(cache=True)

@@ -1,9 +1,10 @@
 """What happens inside a camera between release and memory: exposures in simulated time, one after the other."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+from simulators.chance import Key
 from simulators.clock import NS_PER_S, Event
 from simulators.faults import Occasion
 from simulators.layout import CameraLayout
@@ -18,28 +19,21 @@ class Darkroom(Protocol):
     """What makes files of exposures; `simulators.optics.Optics` does."""
 
     def photograph(
-        self,
-        camera: str,
-        pose: Pose,
-        exposure_s: float,
-        *,
-        serial: str,
-        frame_key: tuple[int | str, ...],
-        time_s: float,
+        self, camera: str, pose: Pose, exposure_s: float, *, serial: str, frame_key: Key, time_s: float
     ) -> bytes:
         """A DNG of what the camera sees."""
         ...
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Exposure:
-    """One frame under way."""
+    """One frame under way; it shows the world at the middle of its time."""
 
     index: int
     start_ns: int
     fan_start_rad: float
-    pose: Pose | None = None
-    key: tuple[int | str, ...] = ()
+    pose: Pose
+    key: Key
 
 
 @dataclass
@@ -51,7 +45,7 @@ class Release:
     interval_s: float
     deliver: Callable[[bytes], None]
     complete: Callable[[], None]
-    events: list[Event] = field(default_factory=list)
+    due: Event | None = None  # what happens next
 
 
 class Shutter:
@@ -77,31 +71,27 @@ class Shutter:
 
     def abort(self) -> None:
         """Drop what is under way; nothing of it is delivered."""
-        if self._release is not None:
-            for event in self._release.events:
-                event.cancel()
+        if self._release is not None and self._release.due is not None:
+            self._release.due.cancel()
         self._release = None
 
     def _open(self, release: Release, index: int) -> None:
-        now_ns = self._clock.now_ns()
-        exposure = Exposure(index, now_ns, self._world.fan_rad())
+        start_ns, fan_start_rad = self._clock.now_ns(), self._world.fan_rad()
         length_ns = round(release.exposure_ticks * TICK_S * NS_PER_S)
-        release.events = [
-            self._clock.at(now_ns + length_ns // 2, lambda: self._middle(release, exposure)),
-            self._clock.at(now_ns + length_ns, lambda: self._close(release, exposure)),
-        ]
 
-    def _middle(self, release: Release, exposure: Exposure) -> None:
-        """The frame shows the world at the middle of its exposure."""
-        exposure.pose = self._world.pose()
-        exposure.key = self._world.frame_key(self._camera.serial, release.exposure_ticks, exposure.index)
+        def middle() -> None:
+            key = self._world.frame_key(self._camera.serial, release.exposure_ticks, index)
+            exposure = Exposure(index, start_ns, fan_start_rad, self._world.pose(), key)
+            release.due = self._clock.at(start_ns + length_ns, lambda: self._close(release, exposure))
+
+        release.due = self._clock.at(start_ns + length_ns // 2, middle)
 
     def _close(self, release: Release, exposure: Exposure) -> None:
-        pose = exposure.pose or self._world.pose()
+        pose = exposure.pose
         if pose.laser_on:
             pose = replace(pose, laser_sweep=(exposure.fan_start_rad, self._world.fan_rad()))
         image = self._develop(release, exposure, pose)
-        release.events = [self._clock.after(READOUT_S, lambda: self._read_out(release, exposure, image))]
+        release.due = self._clock.after(READOUT_S, lambda: self._read_out(release, exposure, image))
 
     def _develop(self, release: Release, exposure: Exposure, pose: Pose) -> bytes | None:
         camera, layout = self._camera.name, self._world.layout
@@ -136,4 +126,4 @@ class Shutter:
                 release.complete()
             return
         next_ns = exposure.start_ns + round(release.interval_s * NS_PER_S)
-        release.events = [self._clock.at(next_ns, lambda: self._open(release, exposure.index + 1))]
+        release.due = self._clock.at(next_ns, lambda: self._open(release, exposure.index + 1))

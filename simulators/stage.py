@@ -2,11 +2,11 @@
 
 from math import copysign, radians
 
+from simulators.chance import uniform
 from simulators.clock import Clock, Event
 from simulators.faults import FaultSchedule, Occasion
 from simulators.layout import AxisLayout
 from simulators.mechanics import Stepper, move, rotate
-from simulators.motor import keyed_uniform
 
 HOME_WIDTH_STEPS = 8
 OVERRUN_DEG = 3.0  # end switches beyond the range of use
@@ -27,9 +27,10 @@ class Stage:
         self._faults = faults
         self._seed = seed
         ends = ((layout.min_deg - OVERRUN_DEG), (layout.max_deg + OVERRUN_DEG))
-        slip = round(UNKNOWN_DEG * (2 * keyed_uniform(seed, name, "power-up") - 1) * layout.steps_per_deg)
+        slip = round(UNKNOWN_DEG * (2 * uniform(seed, name, "power-up") - 1) * layout.steps_per_deg)
         self._stepper = Stepper(float(slip), (ends[0] * layout.steps_per_deg, ends[1] * layout.steps_per_deg))
         self._search: Event | None = None
+        self._loss: Event | None = None
         self._target_velocity = 0.0
         self._stalled = False
 
@@ -119,7 +120,7 @@ class Stage:
 
     def angle_rad(self) -> float:
         """The angle at which the axis really stands, repeatability error included."""
-        error_deg = REPEATABILITY_DEG * (2 * keyed_uniform(self._seed, self.name, self.steps()) - 1)
+        error_deg = REPEATABILITY_DEG * (2 * uniform(self._seed, self.name, self.steps()) - 1)
         angle_deg = self._stepper.mechanical(self._now()) / self._steps_per_deg
         return radians(angle_deg if self.moving() else angle_deg + error_deg)
 
@@ -131,7 +132,9 @@ class Stage:
     def _abandon(self) -> None:
         if self._search is not None:
             self._search.cancel()
-        self._search = None
+        if self._loss is not None:
+            self._loss.cancel()
+        self._search = self._loss = None
         self._stalled = False
         self._target_velocity = 0.0
 
@@ -145,7 +148,7 @@ class Stage:
             self._stepper.cut(half_ns)
             self._stalled = True
         else:
-            self._clock.at(half_ns, lambda: self._slip(fault.steps))
+            self._loss = self._clock.at(half_ns, lambda: self._slip(fault.steps))
 
     def _slip(self, steps: int) -> None:
         self._stepper.slip += steps

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from math import degrees, radians
 from typing import Any
 
+from simulators.chance import Key
 from simulators.clock import Clock
 from simulators.faults import FaultSchedule
 from simulators.layout import Layout
@@ -52,7 +53,7 @@ class LaserHead:
 
     motor: LaserMotor
     on: bool = False
-    runs: Counter[tuple[int | str, ...]] = field(default_factory=Counter)
+    runs: Counter[Key] = field(default_factory=Counter)
 
 
 class World:
@@ -67,12 +68,14 @@ class World:
         self.lamps = LampBank({name: lamp.channel for name, lamp in layout.lamps.items()}, clock, faults)
         sweep = layout.laser.sweep_ticks
         self.laser = LaserHead(LaserMotor(layout.laser.ticks_per_s, (STOPS[0] * sweep, STOPS[1] * sweep)))
-        self._exposures: Counter[tuple[int | str, ...]] = Counter()
+        self._exposures: Counter[Key] = Counter()
 
     def mount(self, mounted: Mounted) -> None:
         """Put a sample, board pose and laser mounting in place. Raises MountError where that cannot be."""
         if mounted.sample not in SAMPLES:
             raise MountError(f"no sample {mounted.sample!r}: one of {', '.join(SAMPLES)}")
+        if mounted.board_pose < 0:
+            raise MountError(f"no board pose {mounted.board_pose}: they count from 0")
         allowed = self.layout.laser.elevations_deg
         if mounted.laser_elevation_deg not in allowed:
             raise MountError(f"no laser mounting at {mounted.laser_elevation_deg} deg: one of {allowed}")
@@ -105,13 +108,13 @@ class World:
             self.laser.runs[key] += 1
         self.laser.motor.turn(self.clock.now_ns(), direction, power, (*key, self.laser.runs[key]))
 
-    def place(self) -> tuple[int | str, ...]:
+    def place(self) -> Key:
         """Exact positions and what is mounted: with the light it says which frame this is."""
         steps = tuple(stage.steps() for stage in self.stages.values())
         mounting_mdeg = round(1000 * self.mounted.laser_elevation_deg)
         return (*steps, self.mounted.sample, self.mounted.board_pose, mounting_mdeg)
 
-    def frame_key(self, serial: str, exposure_ticks: int, burst_index: int) -> tuple[int | str, ...]:
+    def frame_key(self, serial: str, exposure_ticks: int, burst_index: int) -> Key:
         """What a frame's noise belongs to; ends in the number of earlier exposures of which all this is equal."""
         light = tuple(part for name, level in self.lamps.lit() for part in (name, round(255 * level)))
         burst = burst_index if self.laser.on else -1

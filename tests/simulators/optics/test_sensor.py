@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulators.sensor import Sensor, generator
+from simulators.chance import generator
+from simulators.sensor import Sensor
 
 SENSOR = Sensor()
 SHAPE = (200, 250)  # 50 000 samples: the mean is known to 0.45 % of sigma, the variance to 0.63 %

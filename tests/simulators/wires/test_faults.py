@@ -89,7 +89,7 @@ def test_impossible_faults_are_refused(schedule, entry, message):
     assert schedule.listed() == []
 
 
-@pytest.mark.parametrize("text", ["[[fault]\n", '[[fault]]\ndevice = "bus"\n'])
+@pytest.mark.parametrize("text", ["[[fault]\n", "fault = 3\n", '[[fault]]\ndevice = "bus"\n'])
 def test_unusable_files_are_refused(schedule, tmp_path, text):
     path = tmp_path / "faults.toml"
     path.write_text(text)

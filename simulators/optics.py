@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simulators.chance import Key, generator
 from simulators.dng import RawFile, encode_dng
 from simulators.layout import Array, CameraLayout, Layout
 from simulators.lens import rays, sample_points, vignette
@@ -31,7 +32,7 @@ from simulators.light import (
 from simulators.pose import Pose
 from simulators.recent import Recent
 from simulators.scene import Floats, Hits
-from simulators.sensor import Sensor, generator
+from simulators.sensor import Sensor
 from simulators.studio import Studio
 from simulators.truth import Argument, Truth
 
@@ -81,7 +82,7 @@ class Optics:
         self._sensor = Sensor()
         self._views: Recent[View] = Recent(VIEW_BYTES, lambda view: view.hits.nbytes)
         self._mosaics: Recent[Floats] = Recent(MOSAIC_BYTES, lambda mosaic: mosaic.nbytes)
-        self._stripes: Recent[Stripe] = Recent(MOSAIC_BYTES, lambda stripe: stripe.nbytes)
+        self._stripes: Recent[Stripe] = Recent(VIEW_BYTES, lambda stripe: stripe.nbytes)
         self._vignettes: dict[str, Floats] = {}
         self._truth = Truth(truth_dir, self._studio, self.rate)
 
@@ -91,14 +92,7 @@ class Optics:
         return self._studio.layout
 
     def photograph(
-        self,
-        camera: str,
-        pose: Pose,
-        exposure_s: float,
-        *,
-        serial: str,
-        frame_key: tuple[int | str, ...],
-        time_s: float,
+        self, camera: str, pose: Pose, exposure_s: float, *, serial: str, frame_key: Key, time_s: float
     ) -> bytes:
         """The DNG file of one exposure; its noise depends on the seed, `serial` and `frame_key` alone.
 
@@ -176,11 +170,13 @@ class Optics:
         visible = self._studio.lit(pose, view.hits, source)
         origin, eye = self._studio.to_scene(pose, source), self._studio.to_scene(pose, view.eye_m)
         red = radiance(view.hits, visible, origin, eye, laser.distance_m)[:, 0] * np.float32(LASER_PEAK)
+        points = self._studio.to_rig(pose, view.hits.points)
+        # The light spreads along the stripe alone, whose width stays: it falls off as 1 / distance, not as its square.
+        red *= np.linalg.norm(points - source, axis=1) / laser.distance_m
         pixel = view.hits.ray
         row, col = np.divmod(pixel, self.layout.cameras[camera].width_px)
         gains = (ELECTRONS_PER_RADIANCE * LASER_CHANNELS)[row % 2 + col % 2] * self._vignette(camera).ravel()[pixel]
         speckle = 1 + SPECKLE * generator((self._studio.seed, *map(str, key))).standard_normal(len(pixel))
-        points = self._studio.to_rig(pose, view.hits.points)
         across = np.hypot((points[:, :2] - source[:2]) @ _azimuth(pose.light_arc_rad), points[:, 2] - source[2])
         angles = stripe_angles(points, source, pose.light_arc_rad)
         seen = red > 0

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import rawpy
 
-from simulators.light import CHANNELS
+from simulators.lens import vignette
+from simulators.light import CHANNELS, LASER_CHANNELS
 from simulators.optics import Optics
 from simulators.truth import Truth
 
@@ -100,6 +101,24 @@ def test_the_stripe_lies_in_its_plane(optics, pose, sample):
     bright = rate > 2.5e-5 * rate.max()
     assert bright.sum() > 300
     assert away[bright].max() < 5 * optics.layout.laser.sigma_m
+
+
+def test_the_stripe_fades_with_the_distance_not_its_square(optics, pose):
+    """Light crosses every arc about the source in a stripe of the same width: irradiance goes as 1 / distance."""
+    camera, laser, brightness = optics.layout.cameras["cam7"], optics.layout.laser, []
+    rows, columns = np.indices((camera.height_px, camera.width_px))
+    response = LASER_CHANNELS[rows % 2 + columns % 2] * vignette(camera)
+    for ticks in (60, 420):  # 39 mm behind the axis and before it: 66 mm nearer to the laser
+        swept = _swept(optics, pose, ticks, ticks)
+        points = np.load(optics.truth("points", swept, camera="cam7")["path"])
+        source = laser.source(swept.light_arc_rad, swept.laser_elevation_rad)
+        normal, offset = laser.plane(swept.light_arc_rad, swept.laser_elevation_rad, swept.laser_sweep[0])
+        middle = (np.abs(points @ normal - offset) < 0.3 * laser.sigma_m) & (np.abs(points[..., 2]) < 1e-4)
+        distance = np.linalg.norm(points - source, axis=-1)
+        facing = source[2] / distance * response / distance
+        brightness.append(np.mean((optics.laser_rate("cam7", swept) / facing)[middle]))
+    # speckle of 3 % over some 50 pixels and more; the square of the distance would tell them apart by 7 %
+    assert brightness[0] == pytest.approx(brightness[1], rel=0.02)
 
 
 def test_a_sweep_lights_every_visible_pixel_once(optics, pose):

@@ -23,15 +23,15 @@ Argument = str | int | list[float]  # of a kind of truth, as the control port ha
 class Truth:
     """Writes what the simulators know into a folder.
 
-    `rate(camera, pose)` gives the noise-free mosaic. Arrays are .npy, records .json; names depend on the content's
-    pose and arguments alone, so the same truth is written once.
+    `rate(camera, pose)` gives the noise-free mosaic. Arrays are .npy, records .json; names depend on the rig, the pose
+    and the arguments alone. The mosaic of many exposures is written once.
     """
 
     def __init__(self, folder: Path, studio: Studio, rate: Callable[[str, Pose], Floats]) -> None:
         self._folder = folder
         self._studio = studio
         self._rate = rate
-        self._known: dict[object, str] = {}
+        self._mosaics: set[Path] = set()
 
     def note_frame(self, unique_id: str, camera: str, pose: Pose, *, exposure_s: float, time_s: float) -> None:
         """Append one exposure to frames.jsonl: with its noise-free mosaic, or its laser planes if the laser shone."""
@@ -49,7 +49,7 @@ class Truth:
             "sample": pose.sample,
             "board_pose": pose.board_pose,
             "exposure_s": exposure_s,
-            "radiance": None if pose.laser_on else self._radiance_path(camera, pose),
+            "radiance": None if pose.laser_on else str(self._mosaic(camera, pose).relative_to(self._folder)),
         }
         self._folder.mkdir(parents=True, exist_ok=True)
         with (self._folder / "frames.jsonl").open("a", encoding="utf-8") as frames:
@@ -113,7 +113,7 @@ class Truth:
 
     def radiance(self, pose: Pose, camera: str) -> dict[str, Any]:
         """The noise-free mosaic (h, w), electrons per second, under the lamps that shine."""
-        return {"path": str(self._folder / self._radiance_path(camera, pose))}
+        return {"path": str(self._mosaic(camera, pose))}
 
     def cameras(self, pose: Pose) -> dict[str, Any]:
         """True optics of every camera: matrix, distortion (k1, k2), rig_from_camera, size."""
@@ -223,17 +223,16 @@ class Truth:
             record["planes"] = [{"normal": normal.tolist(), "offset_m": offset} for normal, offset in planes]
         return record
 
-    def _radiance_path(self, camera: str, pose: Pose) -> str:
-        key = ("radiance", camera, pose)
-        if key not in self._known:
-            path = self._save("radiance", pose, camera, self._rate(camera, pose))
-            self._known[key] = str(Path(path).relative_to(self._folder))
-        return self._known[key]
+    def _mosaic(self, camera: str, pose: Pose) -> Path:
+        path = self._name("radiance", pose, camera, "npy")
+        if path not in self._mosaics:
+            np.save(path, self._rate(camera, pose))
+            self._mosaics.add(path)
+        return path
 
     def _save(self, what: str, pose: Pose | None, key: object, values: np.ndarray) -> str:
         path = self._name(what, pose, key, "npy")
-        if not path.exists():
-            np.save(path, values)
+        np.save(path, values)
         return str(path)
 
     def _write(self, what: str, pose: Pose | None, record: dict[str, Any]) -> str:
@@ -242,7 +241,8 @@ class Truth:
         return str(path)
 
     def _name(self, what: str, pose: Pose | None, key: object, suffix: str) -> Path:
-        digest = hashlib.blake2b(repr((pose, key)).encode(), digest_size=8).hexdigest()
+        rig = (self._studio.seed, self._studio.layout.size)
+        digest = hashlib.blake2b(repr((*rig, pose, key)).encode(), digest_size=8).hexdigest()
         folder = self._folder / what
         folder.mkdir(parents=True, exist_ok=True)
         return folder / f"{digest}.{suffix}"

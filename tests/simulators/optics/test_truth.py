@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from simulators.lens import project
+from simulators.optics import Optics
 
 TEXELS = 48
 SIDE_M = 0.054  # the opening of 60 mm less a margin of 3 mm on each side
@@ -48,6 +49,18 @@ def test_displacement_points_project_into_their_own_pixels(optics, pose):
     uv = np.rint(project(optics.layout.cameras["cam6"], points)).astype(int)
     distance = np.linalg.norm(seen[uv[:, 1], uv[:, 0]] - points, axis=1)
     assert np.median(distance) < 0.0005  # a pixel is 0.5 mm wide
+
+
+def test_truth_of_another_rig_in_the_same_folder_is_its_own(pose, tmp_path):
+    """What an earlier run left there, whole or broken off, is neither told again nor overwritten by another rig's."""
+    here = pose(sample="white")
+    first = Optics(1, "small", tmp_path).truth("radiance", here, camera="cam1")["path"]
+    other = Optics(2, "small", tmp_path).truth("radiance", here, camera="cam1")["path"]
+    whole = np.load(first)
+    assert np.any(np.load(other) != whole)
+    Path(first).write_bytes(Path(first).read_bytes()[:100])
+    again = Optics(1, "small", tmp_path).truth("radiance", here, camera="cam1")["path"]
+    np.testing.assert_array_equal(np.load(again), whole)
 
 
 def test_lit_texels_are_those_the_laser_reaches(optics, studio, pose):

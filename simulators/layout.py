@@ -5,8 +5,9 @@ True poses differ from nominal ones by seeded amounts: cameras by up to 0.3 deg,
 camera, aimed with care through its long lens, by 0.05 deg and 1 mm), the hand-mounted laser by 0.3 deg and 2 mm.
 """
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from math import atan2, cos, radians, sin
 
 import numpy as np
@@ -101,7 +102,6 @@ class CameraLayout:
     distortion: tuple[float, float]
     rig_from_camera: Array
     megabytes_per_s: float = 20.0
-    burst_hz: float = 7.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,59 +178,24 @@ class Layout:
         turn = rotation(axis * tilt_rad) @ rotation(np.array([0.0, 0.0, spin_rad]))
         return transform(turn, rng.uniform([-0.012, -0.012, 0.0], [0.012, 0.012, 0.015]))
 
-    def rig_toml(self, *, bus: str, dmx: str, tower: str, cameras: Mapping[str, str], clock: str | None = None) -> str:
+    def rig_toml(self, *, bus: str, dmx: str, tower: str, cameras: Mapping[str, str], clock: str) -> str:
         """The text of rig.toml: nominal numbers, and where each device is reached.
 
         `bus`, `dmx` and `tower` are serial ports, `cameras` gives host:port per camera name, `clock` the control port.
         """
-        lines = ['name = "simulated rig"', *self._holder_toml(), *self._board_toml()]
-        lines += ["[bus]", f'port = "{bus}"']
-        for name, axis in self.axes.items():
-            lines += [f"[axes.{name}]", *_axis_toml(axis)]
-        lines += ["[lamps]", f'port = "{dmx}"']
-        for name, lamp in self.lamps.items():
-            lines += [f"[lamps.lamp.{name}]", *_lamp_toml(lamp)]
-        for name, camera in self.cameras.items():
-            lines += [f"[cameras.{name}]", f'address = "{cameras[name]}"', *_camera_toml(camera)]
-        lines += self._laser_toml(tower)
-        if clock is not None:
-            lines += ["[clock]", f'address = "{clock}"']
-        return "\n".join(lines) + "\n"
-
-    def _holder_toml(self) -> list[str]:
-        holder = self.holder
-        return [
-            "[holder]",
-            f"sample_mm = {_mm(holder.opening_m)}",
-            f"margin_mm = {_mm(holder.margin_m)}",
-            f"inner_mm = {_mm(holder.upper_m)}",
-            f"outer_mm = {_mm(holder.lower_m)}",
-            f"step_mm = {_mm(holder.step_m)}",
-            f"sample_depth_mm = {_mm(holder.depth_m)}",
-            f"white_reflectance = {holder.albedo}",
+        tables = [
+            'name = "simulated rig"\n',
+            _holder_table(self.holder),
+            _board_table(self.board),
+            _table("bus", port=bus),
+            *(_axis_table(name, axis) for name, axis in self.axes.items()),
+            _table("lamps", port=dmx),
+            *(_lamp_table(name, lamp) for name, lamp in self.lamps.items()),
+            *(_camera_table(name, camera, cameras[name]) for name, camera in self.cameras.items()),
+            _laser_table(self.laser, tower),
+            _table("clock", address=clock),
         ]
-
-    def _board_toml(self) -> list[str]:
-        board = self.board
-        return [
-            "[board]",
-            f"columns = {board.columns}",
-            f"rows = {board.rows}",
-            f"square_mm = {_mm(board.square_m)}",
-            f"marker_mm = {_mm(board.marker_m)}",
-            f'dictionary = "{board.dictionary}"',
-        ]
-
-    def _laser_toml(self, port: str) -> list[str]:
-        laser = self.laser
-        return [
-            "[laser]",
-            f'port = "{port}"',
-            f"distance_mm = {_mm(laser.distance_m)}",
-            f"elevations_deg = {list(laser.elevations_deg)}",
-            f"sweep_ticks = {laser.sweep_ticks}",
-            f"ticks_per_s = {laser.ticks_per_s}",
-        ]
+        return "".join(tables)
 
 
 def build_layout(seed: int, size: str) -> Layout:
@@ -337,34 +302,69 @@ def _deg(angle_rad: float) -> float:
     return round(float(np.degrees(angle_rad)), 9)
 
 
-def _axis_toml(axis: AxisLayout) -> list[str]:
-    forbidden = [list(span) for span in axis.forbidden_deg]
-    return [
-        f"module = {axis.module}",
-        f"steps_per_deg = {axis.steps_per_deg}",
-        f"min_deg = {axis.min_deg}",
-        f"max_deg = {axis.max_deg}",
-        f"forbidden_deg = {forbidden}",
-        f"speed_deg_s = {axis.speed_deg_s}",
-        f"acceleration_deg_s2 = {axis.acceleration_deg_s2}",
-    ]
+def _table(name: str, **values: object) -> str:
+    """A table of a TOML file; texts, numbers and lists of them are written as JSON writes them."""
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
+    return "\n".join([f"[{name}]", *lines, ""])
 
 
-def _lamp_toml(lamp: LampLayout) -> list[str]:
-    return [
-        f"channel = {lamp.channel}",
-        f'mount = "{lamp.mount}"',
-        f"elevation_deg = {_deg(lamp.elevation_rad)}",
-        f"distance_mm = {_mm(lamp.distance_m)}",
-    ]
+def _holder_table(holder: HolderLayout) -> str:
+    return _table(
+        "holder",
+        sample_mm=_mm(holder.opening_m),
+        margin_mm=_mm(holder.margin_m),
+        inner_mm=_mm(holder.upper_m),
+        outer_mm=_mm(holder.lower_m),
+        step_mm=_mm(holder.step_m),
+        sample_depth_mm=_mm(holder.depth_m),
+        white_reflectance=holder.albedo,
+    )
 
 
-def _camera_toml(camera: CameraLayout) -> list[str]:
-    return [
-        f'serial = "{camera.serial}"',
-        f'mount = "{camera.mount}"',
-        f"elevation_deg = {_deg(camera.elevation_rad)}",
-        f"distance_mm = {_mm(camera.distance_m)}",
-        f"megabytes_per_s = {camera.megabytes_per_s}",
-        f"frame_megabytes = {round((2 * camera.width_px * camera.height_px + 1000) / 1e6, 6)}",
-    ]
+def _board_table(board: BoardLayout) -> str:
+    return _table(
+        "board",
+        columns=board.columns,
+        rows=board.rows,
+        square_mm=_mm(board.square_m),
+        marker_mm=_mm(board.marker_m),
+        dictionary=board.dictionary,
+    )
+
+
+def _axis_table(name: str, axis: AxisLayout) -> str:
+    return _table(f"axes.{name}", **asdict(axis))
+
+
+def _lamp_table(name: str, lamp: LampLayout) -> str:
+    return _table(
+        f"lamps.lamp.{name}",
+        channel=lamp.channel,
+        mount=lamp.mount,
+        elevation_deg=_deg(lamp.elevation_rad),
+        distance_mm=_mm(lamp.distance_m),
+    )
+
+
+def _camera_table(name: str, camera: CameraLayout, address: str) -> str:
+    return _table(
+        f"cameras.{name}",
+        address=address,
+        serial=camera.serial,
+        mount=camera.mount,
+        elevation_deg=_deg(camera.elevation_rad),
+        distance_mm=_mm(camera.distance_m),
+        megabytes_per_s=camera.megabytes_per_s,
+        frame_megabytes=round((2 * camera.width_px * camera.height_px + 1000) / 1e6, 6),
+    )
+
+
+def _laser_table(laser: LaserLayout, port: str) -> str:
+    return _table(
+        "laser",
+        port=port,
+        distance_mm=_mm(laser.distance_m),
+        elevations_deg=laser.elevations_deg,
+        sweep_ticks=laser.sweep_ticks,
+        ticks_per_s=laser.ticks_per_s,
+    )

@@ -17,7 +17,7 @@ def test_rig_toml_is_what_the_rig_reads(tmp_path, size):
     layout = build_layout(3, size)
     addresses = {name: f"127.0.0.1:{4000 + i}" for i, name in enumerate(layout.cameras)}
     file = tmp_path / "rig.toml"
-    text = layout.rig_toml(bus="bus", dmx="dmx", tower="tower", cameras=addresses, clock="127.0.0.1:5000")
+    text = layout.rig_toml(bus='a "bus" \\ port', dmx="dmx", tower="tower", cameras=addresses, clock="127.0.0.1:5000")
     file.write_text(text, encoding="utf-8")
     config = load_config(file)
     assert {name: camera.address for name, camera in config.cameras.items()} == addresses
@@ -25,13 +25,9 @@ def test_rig_toml_is_what_the_rig_reads(tmp_path, size):
     assert config.cameras["front"].serial == "DS-0001"
     assert [lamp.elevation_deg for lamp in config.lamps.lamp.values()] == [10, 20, 30, 40, 50, 60, 70, 80, 0]
     assert config.holder.white_reflectance == layout.holder.albedo
+    assert config.bus.port == 'a "bus" \\ port'
     assert config.laser is not None
     assert config.clock is not None
-
-
-def test_rig_toml_without_a_clock_names_none():
-    addresses = dict.fromkeys(LAYOUT.cameras, "127.0.0.1:1")
-    assert "[clock]" not in LAYOUT.rig_toml(bus="a", dmx="b", tower="c", cameras=addresses)
 
 
 def test_unknown_size_is_refused():

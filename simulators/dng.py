@@ -83,7 +83,7 @@ def _main_entries(width: int, height: int, size: int, raw: RawFile) -> list[Entr
         _numbers(0x8769, _LONG, [0]),  # Exif IFD, filled in at the end
         _numbers(0xC612, _BYTE, [1, 4, 0, 0]),  # DNGVersion
         _numbers(0xC613, _BYTE, [1, 3, 0, 0]),  # DNGBackwardVersion
-        _text(0xC614, f"Virtual {raw.model}"),  # UniqueCameraModel
+        _text(0xC614, raw.model),  # UniqueCameraModel
         _numbers(0xC616, _BYTE, [0, 1, 2]),  # CFAPlaneColor
         _numbers(0xC617, _SHORT, [1]),  # CFALayout: rectangular
         _numbers(0xC619, _SHORT, [1, 1]),  # BlackLevelRepeatDim

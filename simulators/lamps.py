@@ -4,16 +4,28 @@ Messages: 7E, label, length (least significant byte first), data, E7 (DMX USB Pr
 DMX itself is one-way: no lamp ever answers.
 """
 
+from enum import IntEnum
+
 from simulators.line import Line
 from simulators.world import LampBank
 
 START, END = 0x7E, 0xE7
-GET_PARAMETERS, SET_PARAMETERS, OUTPUT, SERIAL, MANUFACTURER, DEVICE = 3, 4, 6, 10, 77, 78
 LENGTH_MAX = 600
 FIRMWARE = (44, 1)  # 1.44, least significant byte first
 SERIAL_BCD = bytes.fromhex("78563412")
 ESTA_ENTTEC = bytes.fromhex("4e45")  # manufacturer 454E, least significant byte first
 DMX_USB_PRO = bytes.fromhex("0100")
+
+
+class Label(IntEnum):
+    """What a message is about."""
+
+    GET_PARAMETERS = 3
+    SET_PARAMETERS = 4
+    OUTPUT = 6
+    SERIAL = 10
+    MANUFACTURER = 77
+    DEVICE = 78
 
 
 def message(label: int, data: bytes) -> bytes:
@@ -61,17 +73,17 @@ class Widget:
 
     def _answer(self, label: int, body: bytes) -> bytes | None:
         match label:
-            case 3:
+            case Label.GET_PARAMETERS:
                 wanted = int.from_bytes(body[:2], "little")
                 return message(label, bytes(FIRMWARE) + self._timing + self._user.ljust(wanted, b"\0")[:wanted])
-            case 4 if len(body) >= 5:
+            case Label.SET_PARAMETERS if len(body) >= 5:
                 self._timing, self._user = body[2:5], body[5:]
-            case 6 if 25 <= len(body) <= 513 and body[0] == 0:
+            case Label.OUTPUT if 25 <= len(body) <= 513 and body[0] == 0:
                 self._lamps.universe = body[1:]
-            case 10:
+            case Label.SERIAL:
                 return message(label, SERIAL_BCD)
-            case 77:
+            case Label.MANUFACTURER:
                 return message(label, ESTA_ENTTEC + b"ENTTEC\0")
-            case 78:
+            case Label.DEVICE:
                 return message(label, DMX_USB_PRO + b"DMX USB PRO\0")
         return None

@@ -38,7 +38,7 @@ def brick_relief(side_m: float, seed: int, n: int = 512) -> Relief:
     rng = np.random.default_rng([seed, 11])
     pattern = _lay_bricks(side_m, n, rng)
     inside = pattern.inside
-    height = _heights(pattern, side_m, n, rng)
+    height = _heights(pattern, n, rng)
     albedo = pattern.inside[..., None] * _brick_colour(pattern, n, rng) + (1 - inside)[..., None] * _mortar_colour(
         n, rng
     )
@@ -83,7 +83,7 @@ def _lay_bricks(side_m: float, n: int, rng: np.random.Generator) -> _Pattern:
     return _Pattern(brick, along, across, edge, _smooth_step(-0.0001, 0.00025, edge))
 
 
-def _heights(pattern: _Pattern, side_m: float, n: int, rng: np.random.Generator) -> Array:
+def _heights(pattern: _Pattern, n: int, rng: np.random.Generator) -> Array:
     count = COURSES * BRICKS
     top = pattern.per_brick(rng.uniform(-0.00105, -0.00055, count))
     top = top + pattern.per_brick(rng.uniform(-0.012, 0.012, count)) * pattern.along_m

@@ -87,8 +87,7 @@ class Studio:
     def lamp_radiance(self, pose: Pose, hits: Hits, lamp: Lamp, eye_m: Array) -> Floats:
         """Radiance (n, 3) of the hits under one lamp toward an eye (3,), rig frame; shadows included."""
         source, eye = self.to_scene(pose, lamp.position_m), self.to_scene(pose, eye_m)
-        visible = self.scene(pose.sample).lit(hits, source)
-        return radiance(hits, visible, source, eye, lamp.reach_m) * np.float32(lamp.level)
+        return radiance(hits, self.lit(pose, hits, lamp.position_m), source, eye, lamp.reach_m) * np.float32(lamp.level)
 
     @cached_property
     def _brick(self) -> HolderScene:

@@ -2,18 +2,21 @@
 
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.conftest import SimulatedRig, running_simulators
+
 RATE = "20"  # simulated seconds per second: moves of seconds are over soon
 
 
-@pytest.fixture
-def live_rig(start_simulators):
-    """Simulators whose time goes on by itself."""
-    return start_simulators("--rate", RATE)
+@pytest.fixture(scope="module")
+def live_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatedRig]:
+    """Simulators whose time goes on by itself, for all tests of one client."""
+    with running_simulators(tmp_path_factory.mktemp("live").resolve() / "rig", "--rate", RATE) as rig:
+        yield rig
 
 
 @pytest.fixture

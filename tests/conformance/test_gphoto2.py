@@ -7,49 +7,49 @@ import rawpy
 
 
 @pytest.fixture
-def camera(live_rig, command):
-    """gphoto2 on camera cam2; the second number is the port of the event connection."""
-    host, port = live_rig.camera_address("cam2").split(":")
+def gphoto2(live_rig, command):
+    """gphoto2 on a camera of this name; the second number is the port of the event connection."""
 
-    def gphoto2(*arguments):
+    def gphoto2(name, *arguments):
+        host, port = live_rig.camera_address(name).split(":")
         return command("gphoto2", "--port", f"ptpip:{host}:{port}:{port}", *arguments)
 
     return gphoto2
 
 
-def test_summary_names_the_camera(camera):
-    summary = camera("--summary")
+def test_summary_names_the_camera(gphoto2):
+    summary = gphoto2("cam2", "--summary")
     assert summary.returncode == 0, summary.stderr
     assert "Serial Number: VC-0002" in summary.stdout
     assert "Exposure Time(0x500d):(readwrite)" in summary.stdout
     assert "Burst Number(0x5018)" in summary.stdout
 
 
-def test_settings_are_read_and_written(camera):
-    assert "Current: 100" in camera("--get-config", "iso").stdout
-    written = camera("--set-config", "500d=250", "--get-config", "500d")
+def test_settings_are_read_and_written(gphoto2):
+    assert "Current: 100" in gphoto2("cam2", "--get-config", "iso").stdout
+    written = gphoto2("cam2", "--set-config", "500d=250", "--get-config", "500d")
     assert written.returncode == 0, written.stderr
     assert "Current: 250" in written.stdout
-    assert camera("--set-config", "500d=0").returncode != 0
+    assert gphoto2("cam2", "--set-config", "500d=0").returncode != 0
 
 
-def test_capture_and_download_is_a_raw_file(camera, live_rig, tmp_path):
+def test_capture_and_download_is_a_raw_file(gphoto2, live_rig, tmp_path):
     live_rig.control("mount", sample="white")
-    captured = camera("--set-config", "500d=333", "--capture-image-and-download", "--filename", "shot.dng")
+    captured = gphoto2("cam3", "--set-config", "500d=333", "--capture-image-and-download", "--filename", "shot.dng")
     assert captured.returncode == 0, captured.stderr
     with rawpy.imread(str(tmp_path / "shot.dng")) as raw:
         assert raw.raw_image.shape == (240, 320)
-    listing = camera("--list-files")
+    listing = gphoto2("cam3", "--list-files")
     assert "There is no file" in listing.stdout, "gphoto2 deletes what it has downloaded"
 
 
-def test_files_stay_on_the_camera_until_deleted(camera, tmp_path):
-    assert camera("--capture-image").returncode == 0
-    assert "IMG_00001.DNG" in camera("--list-files").stdout
-    assert camera("--get-file", "1", "--filename", "kept.dng").returncode == 0
+def test_files_stay_on_the_camera_until_deleted(gphoto2, tmp_path):
+    assert gphoto2("cam4", "--capture-image").returncode == 0
+    assert "IMG_00001.DNG" in gphoto2("cam4", "--list-files").stdout
+    assert gphoto2("cam4", "--get-file", "1", "--filename", "kept.dng").returncode == 0
     assert (tmp_path / "kept.dng").stat().st_size > 2 * 240 * 320
-    assert camera("--delete-all-files", "--folder", "/store_00010001").returncode == 0
-    assert "There is no file" in camera("--list-files").stdout
+    assert gphoto2("cam4", "--delete-all-files", "--folder", "/store_00010001").returncode == 0
+    assert "There is no file" in gphoto2("cam4", "--list-files").stdout
 
 
 def test_cameras_answer_at_one_port_of_their_own_addresses(start_simulators, command):

@@ -49,13 +49,13 @@ def test_program_is_downloaded_and_started(nqc, live_rig, tmp_path):
 
 
 def test_actions(nqc, live_rig):
-    for action in (("-watch", "1234"), ("-sleep", "5"), ("-near",), ("-far",), ("-msg", "7"), ("-clear",)):
+    for action in (("-watch", "1234"), ("-sleep", "200"), ("-near",), ("-far",), ("-msg", "7"), ("-clear",)):
         done = nqc(*action)
         assert done.returncode == 0
         assert "No reply" not in done.stdout + done.stderr, action
     rcx = live_rig.control("status")["rcx"]
     assert rcx["message"] == 7
-    assert rcx["power_down_min"] == 5
+    assert rcx["power_down_min"] == 200
     assert rcx["tasks"] == {}
 
 

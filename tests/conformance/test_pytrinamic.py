@@ -45,12 +45,13 @@ def test_move_to_position_and_back(connection, live_rig):
 
 def test_rotate_and_stop(connection):
     motor = TMCM1110(connection, module_id=1).motors[0]
+    start = motor.actual_position
     motor.rotate(200)
     wait_until(lambda: motor.actual_velocity == 200)
     motor.stop()
     wait_until(lambda: motor.actual_velocity == 0)
     stands = motor.actual_position
-    assert stands > 0
+    assert stands > start
     assert motor.actual_position == stands
 
 

@@ -1,5 +1,6 @@
 """Opening a rig: every device that rig.toml names, or none."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
@@ -12,7 +13,7 @@ from rig.drivers.camera import PtpCamera
 from rig.drivers.clock import MonotonicClock, RigClock, SimulatedClock
 from rig.drivers.lamps import EnttecLamps
 from rig.drivers.laser_unit import RcxLaser
-from rig.errors import UnknownDeviceError
+from rig.errors import RigError, UnknownDeviceError
 from rig.sessions.lock import hold_rig
 
 DeviceT = TypeVar("DeviceT")
@@ -21,17 +22,16 @@ DeviceT = TypeVar("DeviceT")
 def open_rig(config: RigConfig) -> Rig:
     """Open all devices and leave the rig dark and still. The rig is held until it is closed.
 
-    Light sources come first, so that what a crashed session left lit goes dark. Raises BusyError that names the process
+    Light sources come first, each of them whatever becomes of the other, so that what a crashed session left lit goes
+    dark also where the rig cannot be opened. Raises BusyError that names the process
     that holds the rig, ConnectError, DeviceError; what was open by then is closed again.
     """
     with ExitStack() as stack:
         stack.enter_context(hold_rig(config))
         clock = _opened(stack, SimulatedClock(config.clock.address) if config.clock else MonotonicClock())
         lamps = _opened(stack, EnttecLamps(config.lamps, clock))
-        lamps.open()
         laser = None if config.laser is None else _opened(stack, RcxLaser(config.laser, clock))
-        if laser is not None:
-            laser.open()
+        _open_light_sources([lamps] if laser is None else [lamps, laser])
         return Rig(
             name=config.name,
             clock=clock,
@@ -57,6 +57,10 @@ class _Closable(Protocol):
     def close(self) -> None: ...
 
 
+class _Openable(Protocol):
+    def open(self) -> None: ...
+
+
 ClosableT = TypeVar("ClosableT", bound=_Closable)
 
 
@@ -70,6 +74,17 @@ class _Devices(dict[str, DeviceT], Generic[DeviceT]):
 def _opened(stack: ExitStack, device: ClosableT) -> ClosableT:
     stack.callback(device.close)
     return device
+
+
+def _open_light_sources(sources: Sequence[_Openable]) -> None:
+    errors = []
+    for source in sources:
+        try:
+            source.open()
+        except RigError as error:
+            errors.append(error)
+    if errors:
+        raise errors[0]
 
 
 def _open_axes(stack: ExitStack, config: RigConfig, clock: RigClock) -> dict[str, Axis]:

@@ -65,7 +65,7 @@ class SerialTransport:
             except termios.error:
                 # A pseudo-terminal knows no parity, and says so from the second opening on.
                 self._port = self._new_port(serial.PARITY_NONE)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, termios.error) as error:
             raise ConnectError(
                 f"{self._device}: cannot open {self._url} ({error}). Is the adapter plugged in and free? "
                 "Ports are named in rig.toml."

@@ -15,8 +15,8 @@ from rig.errors import BusyError, StoreError
 @contextmanager
 def hold_rig(config: RigConfig) -> Iterator[None]:
     """Hold the rig with this axis bus; taken before its devices are opened. Raises BusyError where another holds it."""
-    port = Path(config.bus.port).resolve()
-    name = hashlib.sha256(str(port).encode()).hexdigest()[:16]
+    port = config.bus.port if "://" in config.bus.port else str(Path(config.bus.port).resolve())
+    name = hashlib.sha256(port.encode()).hexdigest()[:16]
     with hold(Path(tempfile.gettempdir(), f"appearance-rig-{name}.lock"), f"the rig {config.name!r}"):
         yield
 

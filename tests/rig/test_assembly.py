@@ -175,3 +175,13 @@ def test_what_cannot_be_made_safe_is_reported_and_the_rest_is_made_safe(world):
         assert len(lines) == 1
         assert lines[0].startswith("laser: unconfirmed")
         assert world.universes[-1] == bytes(24)
+
+
+def test_lamps_that_cannot_be_opened_do_not_keep_the_laser_lit(world):
+    """What a crash left on goes off as far as it can be reached."""
+    world.dmx.unplug()
+    world.dmx.link.unlink()
+    with pytest.raises(ConnectError, match="lamps: cannot open"):
+        open_rig(world.config)
+    assert bytes.fromhex("55 ff 00 21 de 43 bc 64 9b") in world.tower.requests
+    world.dmx.plug()

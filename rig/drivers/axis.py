@@ -170,10 +170,10 @@ class StepperAxis:
                 raise DeviceError(f"{self._name}: the reference switch was not found. Check the switch and its cable.")
 
     def _stalled(self, move: _Move) -> DeviceError:
-        """The error of a move that does not end; the position cannot be trusted any longer."""
+        """Stop, and the error of a move that does not end; the position cannot be trusted any longer."""
         self._homed_at_opening = None
-        at_steps = self._position_steps()
         self.stop()
+        at_steps = self._position_steps()
         scale = self._config.steps_per_deg
         return DeviceError(
             f"{self._name}: stalled at {at_steps / scale:.6g} deg on the way to {move.target_steps / scale:.6g} deg; "

@@ -32,13 +32,17 @@ def sealed(*fields):
 
 
 class Modules:
-    """Modules 1 and 2. They reach every target at once; `faults` holds what becomes of the replies to come."""
+    """Modules 1 and 2. They reach every target at once; `faults` holds what becomes of the replies to come.
+
+    `silent` holds the (command, type) pairs that are obeyed and never answered.
+    """
 
     def __init__(self):
         self.parameters = {(module, parameter): 0 for module in (1, 2) for parameter in (POSITION, SPEED)}
         self.parameters |= {(module, REACHED): 1 for module in (1, 2)}
         self.searching = []
         self.faults = []
+        self.silent = set()
         self.late = b""
         self.commands = []
 
@@ -47,7 +51,7 @@ class Modules:
         self.commands.append((module, command, kind, value))
         reply = sealed(2, module, 100, command, self.value_of(module, command, kind, value))
         fault = self.faults.pop(0) if self.faults else lambda reply: reply
-        return fault(reply)
+        return b"" if (command, kind) in self.silent else fault(reply)
 
     def value_of(self, module, command, kind, value):
         if command == MOVE:
@@ -319,6 +323,17 @@ def test_a_stall_is_told_with_where_and_the_axis_is_stopped(axis, modules):
     axis.move_to(radians(40))
     modules.parameters |= {(1, REACHED): 0, (1, POSITION): 2000}
     with pytest.raises(DeviceError, match="arm: stalled at 20 deg on the way to 40 deg"):
+        axis.wait()
+    assert (1, STOP, 0, 0) in modules.commands
+    with pytest.raises(StateError, match="stalled"):
+        axis.move_to(0.1)
+
+
+def test_a_stalled_axis_is_stopped_also_where_it_does_not_tell_its_position(axis, modules):
+    axis.move_to(radians(40))
+    modules.parameters[1, REACHED] = 0
+    modules.silent = {(GET, POSITION)}
+    with pytest.raises(ReadTimeoutError, match="arm: actual position"):
         axis.wait()
     assert (1, STOP, 0, 0) in modules.commands
     with pytest.raises(StateError, match="stalled"):

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from math import ceil
 
 from rig.config import CameraConfig
 from rig.devices import RawFrame
@@ -11,7 +12,7 @@ from rig.drivers.ptp_connection import PtpConnection, ResponseError
 from rig.drivers.raw_file import read_facts
 from rig.errors import DeviceError, FrameCheckError, FrameError, LimitError, ReadTimeoutError, StateError
 from rig.protocols import ptp
-from rig.protocols.ptp import CaptureMode, Event, Operation, Property, Response
+from rig.protocols.ptp import CaptureMode, DeviceInfo, Event, Operation, Property, Response
 
 _TICKS_PER_S = 10_000  # PTP counts exposure times in 0.1 ms
 _MS_PER_S = 1000
@@ -21,6 +22,7 @@ _EVENT_POLL_S = 0.01
 _LATE_S = 5.0  # beyond exposure and intervals: shutter lag, readout, writing to the card
 _DOWNLOADS = 3  # attempts per frame: the file stays on the card until it is deleted
 _DOWNLOAD_TIMEOUT_S = 30.0  # for one packet
+_COUNT_MAX = 0xFFFF  # of a burst's frames, and of the milliseconds between them
 _EXPOSURE_TOLERANCE = 0.02  # cameras round their shutter times
 _NO_TRANSACTION = (0, 0xFFFFFFFF)
 
@@ -67,24 +69,22 @@ class PtpCamera:
         return self._name
 
     def open(self) -> None:
-        """Connect and check who is there. Raises ConnectError, and DeviceError where it is another camera."""
-        info = self._connection.open()
-        if info.serial != self._config.serial:
+        """Connect and check who is there. Raises ConnectError, and DeviceError where it is another camera.
+
+        All that is on the card by then counts as somebody else's, also what is left of ours after a lost connection: a
+        handle names the same object only as long as the PTP session lasts (ISO 15740, "ObjectHandles").
+        """
+        try:
+            self._set_up(self._connection.open())
+        except BaseException:
             self._connection.close()
-            raise DeviceError(
-                f"{self._name}: expected serial {self._config.serial}, found {info.serial} at {self._config.address}: "
-                "the cable is in another port, or the address in rig.toml is another camera's."
-            )
-        self._properties = {}
-        self._can_terminate = Operation.TERMINATE_OPEN_CAPTURE in info.operations
-        self._exposure_ticks = self._exposure_range()
-        if not self._littered:
-            self._foreign = frozenset(self._objects())
+            raise
 
     def expose(self, exposure_s: float, *, frames: int = 1, interval_s: float = 0.0) -> None:
         """Start one exposure, or a burst with that interval between starts, and return.
 
-        The exposure is rounded to 0.1 ms, the interval to 1 ms, which the frames' times take into account. Raises
+        The exposure is rounded to 0.1 ms, the interval to 1 ms and not below the exposure, which the frames' times take
+        into account. Raises
         LimitError before anything is exposed, StateError where the frames before were not fetched.
         """
         ticks, interval_ms = self._settings(exposure_s, frames, interval_s)
@@ -136,6 +136,17 @@ class PtpCamera:
         """Hang up; closing twice is allowed."""
         self._connection.close()
 
+    def _set_up(self, info: DeviceInfo) -> None:
+        if info.serial != self._config.serial:
+            raise DeviceError(
+                f"{self._name}: expected serial {self._config.serial}, found {info.serial} at {self._config.address}: "
+                "the cable is in another port, or the address in rig.toml is another camera's."
+            )
+        self._properties = {}
+        self._can_terminate = Operation.TERMINATE_OPEN_CAPTURE in info.operations
+        self._exposure_ticks = self._exposure_range()
+        self._foreign = frozenset(self._objects())
+
     def _settings(self, exposure_s: float, frames: int, interval_s: float) -> tuple[int, int]:
         """Ticks and milliseconds. Raises LimitError."""
         low, high = self._exposure_ticks
@@ -144,12 +155,12 @@ class PtpCamera:
                 f"{self._name}: an exposure of {exposure_s:g} s is outside {low / _TICKS_PER_S:g} to "
                 f"{high / _TICKS_PER_S:g} s; nothing was exposed."
             )
-        if frames < 1 or (frames > 1 and not exposure_s <= interval_s <= 0xFFFF / _MS_PER_S):
+        if not 1 <= frames <= _COUNT_MAX or (frames > 1 and not exposure_s <= interval_s <= _COUNT_MAX / _MS_PER_S):
             raise LimitError(
-                f"{self._name}: {frames} frames every {interval_s:g} s of {exposure_s:g} s each cannot be: at least "
-                "one frame, an interval of at least the exposure and at most 65.5 s; nothing was exposed."
+                f"{self._name}: {frames} frames every {interval_s:g} s of {exposure_s:g} s each cannot be: 1 to 65535 "
+                "frames, an interval of at least the exposure and at most 65.5 s; nothing was exposed."
             )
-        return round(exposure_s * _TICKS_PER_S), round(interval_s * _MS_PER_S)
+        return round(exposure_s * _TICKS_PER_S), max(round(interval_s * _MS_PER_S), ceil(exposure_s * _MS_PER_S))
 
     def _exposure_range(self) -> tuple[int, int]:
         data = self._connection.transact(Operation.GET_PROPERTY_DESC, Property.EXPOSURE_TIME)
@@ -190,7 +201,7 @@ class PtpCamera:
         while True:
             complete = False
             for code, parameters in self._news(exposure):
-                handles += parameters if code == Event.OBJECT_ADDED else ()
+                handles += [handle for handle in parameters if code == Event.OBJECT_ADDED and handle not in handles]
                 complete |= code == Event.CAPTURE_COMPLETE
             if len(handles) >= exposure.frames:
                 return handles[: exposure.frames]

@@ -1,6 +1,7 @@
 """A scripted PTP/IP camera and a minimal DNG, both from struct alone (vectors/ptp.toml; DNG specification 1.7)."""
 
 import struct
+import threading
 
 from tests.rig.drivers.peers import read_exactly
 
@@ -68,6 +69,7 @@ class CameraPeer:
         self.strikes = []
         self.response_bytes = 14
         self._handle = 0
+        self.ponged = threading.Event()
         self._event_connection = None
 
     def serve(self, connection):
@@ -85,6 +87,8 @@ class CameraPeer:
                 connection.sendall(packet(4))
             elif kind == 6:
                 self.transaction(connection, body)
+            elif kind == 14:
+                self.ponged.set()
 
     def transaction(self, connection, body):
         phase, code, transaction = struct.unpack_from("<IHI", body)
@@ -167,5 +171,5 @@ class CameraPeer:
             self._event_connection.sendall(packet(8, body))
 
     def probe(self):
-        """Ask over the event connection whether the rig is alive; its answer."""
+        """Ask over the event connection whether the rig is alive; `ponged` tells that it answered."""
         self._event_connection.sendall(packet(13))

@@ -18,7 +18,7 @@ from rig.errors import (
 )
 from tests.rig.drivers.ptp_peer import CameraPeer, dng
 
-GET_OBJECT, DELETE, CAPTURE, SET, TERMINATE = 0x1009, 0x100B, 0x100E, 0x1016, 0x1018
+GET_HANDLES, GET_OBJECT, DELETE, CAPTURE, SET, TERMINATE = 0x1007, 0x1009, 0x100B, 0x100E, 0x1016, 0x1018
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_an_exposure_outside_the_cameras_range_exposes_nothing(camera, script, e
     assert script.captures == 0
 
 
-@pytest.mark.parametrize(("frames", "interval_s"), [(0, 1.0), (2, 0.05), (2, 66.0)])
+@pytest.mark.parametrize(("frames", "interval_s"), [(0, 1.0), (2, 0.05), (2, 66.0), (65_536, 1.0)])
 def test_an_impossible_burst_exposes_nothing(camera, script, frames, interval_s):
     with pytest.raises(LimitError, match="nothing was exposed"):
         camera.expose(0.1, frames=frames, interval_s=interval_s)
@@ -253,6 +253,7 @@ def test_a_probe_on_the_event_connection_is_answered(camera, script):
     camera.expose(0.1)
     script.probe()
     assert len(camera.fetch()) == 1
+    assert script.ponged.wait(5.0)
 
 
 def test_a_camera_that_was_unplugged_is_told_and_found_again(camera, wire, script):
@@ -262,6 +263,43 @@ def test_a_camera_that_was_unplugged_is_told_and_found_again(camera, wire, scrip
         camera.fetch()
     camera.expose(0.1)
     assert len(camera.fetch()) == 1
+
+
+def test_a_camera_that_numbers_its_card_anew_keeps_the_photographers_own(wire, clock, script):
+    """Handles hold for one PTP session only: after a lost connection nothing tells our frames from the others."""
+    script.objects = {77: b"the photographer's own"}
+    camera = driver(wire, clock)
+    camera.open()
+    camera.expose(0.1)
+    wire.hang_up()
+    with pytest.raises(TransportError):
+        camera.fetch()
+    script.objects = {5: b"the photographer's own"}
+    camera.expose(0.1)
+    camera.fetch()
+    assert script.objects[5] == b"the photographer's own"
+    camera.close()
+
+
+def test_a_camera_that_cannot_be_set_up_is_not_left_half_open(wire, clock, script):
+    camera = driver(wire, clock)
+    script.busy = {GET_HANDLES: 1}
+    with pytest.raises(ReplyError, match="busy"):
+        camera.open()
+    script.objects = {77: b"the photographer's own"}
+    camera.expose(0.1)
+    camera.abort()
+    camera.expose(0.1)
+    camera.fetch()
+    assert 77 in script.objects
+    camera.close()
+
+
+def test_an_interval_is_not_rounded_below_the_exposure(camera, script):
+    """133.3 ms of exposure at 7.5 Hz would not fit into 133 ms."""
+    camera.expose(0.1333, frames=2, interval_s=1 / 7.5)
+    camera.fetch()
+    assert script.properties[0x5019] == 134
 
 
 def test_the_forecast_of_the_download_is_bytes_over_bandwidth(camera):

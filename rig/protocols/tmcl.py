@@ -150,7 +150,8 @@ def firmware_version(module: int) -> Request:
 class ReplyReader:
     """Replies out of a stream of bytes in any chunking.
 
-    TMCL marks neither start nor end, so a window of nine bytes slides until checksum and status fit.
+    TMCL marks neither start nor end, so a window of nine bytes slides until checksum and status fit. Where noise
+    fits by accident, it swallows the reply behind it: who asked sees another module or command, and asks again.
     """
 
     def __init__(self) -> None:

@@ -1,5 +1,5 @@
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rig.drivers.link import Echo, Link
@@ -107,8 +107,7 @@ def test_poll_returns_what_has_come_and_does_not_wait(wire):
 @settings(max_examples=50, deadline=None)
 def test_an_echo_is_stripped_and_a_reply_without_one_is_left_alone(request_bytes, reply, echoes, data):
     """In any chunking. A reply that begins like the request could be its echo, and is left out here."""
-    if not echoes and (reply.startswith(request_bytes) or request_bytes.startswith(reply)):
-        return
+    assume(echoes or not (reply.startswith(request_bytes) or request_bytes.startswith(reply)))
     stream = (request_bytes if echoes else b"") + reply
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=4)))
     echo = Echo()

@@ -59,7 +59,7 @@ class FrameChecks:
         """
         self._check_labels(step, camera, frames)
         mosaics = [decode(frame.data, camera) for frame in frames]
-        self._check_fresh(step, camera, mosaics)
+        self._check_fresh(camera, mosaics)
         profile = noise_profile(frames[0].data)
         warnings = self._check_levels(step, camera, mosaics, profile)
         transferred = sum(len(frame.data) for frame in frames)
@@ -89,7 +89,7 @@ class FrameChecks:
                     f"{camera}: exposed for {frame.exposure_s:.4f} s where {step.exposure_s:.4f} s were asked for."
                 )
 
-    def _check_fresh(self, step: Step, camera: str, mosaics: Sequence[Mosaic]) -> None:
+    def _check_fresh(self, camera: str, mosaics: Sequence[Mosaic]) -> None:
         if len({mosaic.raw_dn.shape for mosaic in mosaics}) > 1:
             raise FrameCheckError(f"{camera}: the frames of one burst differ in size.")
         last = self._last.get(camera)

@@ -11,7 +11,7 @@ import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,9 @@ class FrameEntry:
     utc: str
     commanded_rad: Mapping[str, float]
     reported_rad: Mapping[str, float]
+
+
+_FRAME_COLUMNS = ", ".join(column.name for column in fields(FrameEntry))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +136,8 @@ class Journal:
     def frames(self) -> tuple[FrameEntry, ...]:
         """All durable frames, in the order of the steps."""
         rows = self._rows(
-            "SELECT step, camera, path, sha256, bytes, exposure_s, frames, taken_s, utc, commanded_rad, reported_rad "
-            "FROM frames JOIN steps ON steps.id = frames.step WHERE steps.state = 'done' ORDER BY ordinal, camera"
+            f"SELECT {_FRAME_COLUMNS} FROM frames JOIN steps ON steps.id = frames.step "
+            "WHERE steps.state = 'done' ORDER BY ordinal, camera"
         )
         return tuple(FrameEntry(*row[:9], *map(json.loads, row[9:])) for row in rows)
 
@@ -154,12 +157,10 @@ class Journal:
     def complete(self, step: str, frames: Sequence[FrameEntry], rig_s: float, text: str) -> int:
         """Enter a step's frames and mark it done, at once; returns the event's number."""
         with self._transaction() as db:
-            rows = [
-                (f.step, f.camera, f.path, f.sha256, f.bytes, f.exposure_s, f.frames, f.taken_s, f.utc,
-                 json.dumps(dict(f.commanded_rad)), json.dumps(dict(f.reported_rad)))
-                for f in frames
-            ]  # fmt: skip
-            db.executemany("INSERT INTO frames VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
+            for frame in frames:
+                values = [json.dumps(value) if isinstance(value, Mapping) else value for value in astuple(frame)]
+                marks = ", ".join("?" * len(values))
+                db.execute(f"INSERT INTO frames ({_FRAME_COLUMNS}) VALUES ({marks})", values)
             db.execute("UPDATE steps SET state = 'done' WHERE id = ?", (step,))
             return _insert_event(db, rig_s, "done", step, text)
 

@@ -17,8 +17,8 @@ class Event:
 
     `number` grows over all runs of the session; 0 where the journal could not take it. `kind`: 'state', 'step' (begun),
     'done', 'retake', 'warning', 'mount', 'failed', 'unconfirmed'. `done` of `total` steps are durable; `eta_s` is the
-    time left by the pace so far, None before there is one. `step` is a step's id where the event is about one. `rig_s`
-    is the rig clock's time.
+    wall time left by the pace so far, without pauses and mounting; None before there is a pace. `step` is a step's id
+    where the event is about one. `rig_s` is the rig clock's time.
     """
 
     number: int
@@ -48,6 +48,7 @@ class Progress:
         self._left_s = sum(self._step_s.values())
         self._past_s = 0.0
         self._started_s = time.monotonic()
+        self._held_since_s: float | None = None
         self.state = session.state
         self.rig_s = 0.0
 
@@ -77,6 +78,7 @@ class Progress:
             if state is self.state:
                 return
             self.state = state
+            self._note_hold(state in (State.PAUSED, State.WAITING))
             try:
                 number = self._session.journal.enter_state(state, self.rig_s, message)
             except StoreError:
@@ -102,6 +104,13 @@ class Progress:
             self._left_s -= self._step_s.get(step, 0.0)
             self._publish(number, "done", "", step)
 
+    def _note_hold(self, holds: bool) -> None:
+        """What passes while the session is paused or waits for the operator says nothing about its pace."""
+        now_s = time.monotonic()
+        if self._held_since_s is not None:
+            self._started_s += now_s - self._held_since_s
+        self._held_since_s = now_s if holds else None
+
     def _publish(self, number: int, kind: str, message: str, step: str | None) -> None:
         self._on_event(
             Event(number, kind, self.state, len(self._done), self._total, self._eta_s(), step, message, self.rig_s)
@@ -110,5 +119,6 @@ class Progress:
     def _eta_s(self) -> float | None:
         if self._past_s <= 0:
             return None
-        pace = (time.monotonic() - self._started_s) / self._past_s
+        until_s = time.monotonic() if self._held_since_s is None else self._held_since_s
+        pace = (until_s - self._started_s) / self._past_s
         return max(self._left_s, 0.0) * pace

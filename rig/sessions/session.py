@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -123,7 +123,8 @@ class Session:
         """Hold the folder for a run. Raises BusyError where another process or thread runs it."""
         with hold(self._lock_file, f"the session {self.folder}"):
             crashed = State(self.journal.status("state", State.IDLE)) in ACTIVE
-            store.sweep_away_parts(self.folder / "frames")
+            with store.reported(self.folder):
+                store.sweep_away_parts(self.folder / "frames")
             if crashed:
                 self.journal.enter_state(State.INTERRUPTED, 0.0, "the last run ended without a word")
             yield
@@ -152,10 +153,7 @@ class Session:
         for entry in self.journal.frames():
             path = self._inside(entry.path)
             store.check_present(path, entry.bytes)
-            records.append(FrameRecord(
-                steps[entry.step], entry.camera, path, entry.sha256, entry.bytes, entry.exposure_s, entry.frames,
-                entry.taken_s, entry.utc, entry.commanded_rad, entry.reported_rad,
-            ))  # fmt: skip
+            records.append(FrameRecord(**{**asdict(entry), "step": steps[entry.step], "path": path}))
         return records
 
     def verify(self) -> int:

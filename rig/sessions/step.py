@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass
 from math import degrees, radians
 from typing import Any
 
-MOUNT_KEYS = ("sample", "pose", "laser_elevation_deg")
 _SHORT = {"turntable": "tt", "light_arc": "arc", "arm": "arm"}
 Mount = Mapping[str, str | int | float]
 

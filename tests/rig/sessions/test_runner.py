@@ -4,6 +4,7 @@ import dataclasses
 import signal
 import threading
 from math import degrees
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from rig.errors import (
     StateError,
     UnknownDeviceError,
 )
-from rig.sessions import Runner, Session, State, forecast, parse_plan
+from rig.sessions import Runner, Session, State, forecast, parse_plan, progress
 from rig.sessions import store as frame_store
 from rig.sessions.forecast import SHUTTER_LAG_S
 from tests.reference.dng import dng
@@ -144,6 +145,32 @@ def test_the_operator_is_asked_only_when_the_mounting_changes(new_session):
     assert asked == [{"sample": "brick", "laser_elevation_deg": 35}, {"sample": "brick", "laser_elevation_deg": 50}]
     assert report.waited_s == pytest.approx(120.0, abs=1.0)
     assert report.overhead < 1.1
+
+
+def test_the_time_left_does_not_grow_with_the_operators_pause(new_session, monkeypatch):
+    """An hour of mounting between two sweeps says nothing about the sweeps; the wall's time is the rig's here."""
+    session = new_session(PLANS["mdf"])
+    rig, world = fake_rig(CONFIG)
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: world.time_s))
+
+    def operator(instruction):
+        world.time_s += 3600.0
+
+    told = []
+    Runner(session, rig, operator, told.append).run()
+    most_s = max(event.eta_s for event in told if event.eta_s is not None)
+    assert 0 < most_s < 360.0  # the sweeps take 12 s in all; the writer may tell of the first when the last is taken
+
+
+def test_what_was_not_mounted_is_not_told_as_mounted(new_session):
+    session = new_session(SMALL)
+
+    def operator(instruction):
+        runner.abort()
+
+    runner = Runner(session, fake_rig(CONFIG)[0], operator)
+    assert runner.run().state is State.ABORTED
+    assert [event.text for event in session.events() if event.kind == "mount"] == ["mount: sample sphere"]
 
 
 def test_an_operator_who_gives_up_ends_the_session_safely(new_session):

@@ -30,13 +30,23 @@ def resume(session: Session, config: RigConfig, *, operator: Operator, on_event:
 
 @contextmanager
 def terminate_as_interrupt() -> Iterator[None]:
-    """Within the context a SIGTERM is a Ctrl-C, so that both take the way that leaves the rig safe."""
+    """Within the context a SIGTERM is a Ctrl-C, so that both take the way that leaves the rig safe.
+
+    So is a terminal that is closed (SIGHUP), unless the process was told to outlive it, as `nohup` does.
+    """
 
     def interrupt(signal_number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    previous = signal.signal(signal.SIGTERM, interrupt)
+    def terminate(signal_number: int, frame: FrameType | None) -> None:
+        signal.raise_signal(signal.SIGTERM)  # to whoever handles it now
+
+    handlers = {signal.SIGTERM: interrupt, signal.SIGHUP: terminate}
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        del handlers[signal.SIGHUP]
+    previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -123,7 +123,7 @@ def test_frames_become_products_and_a_picture(captured):
     assert picture.std() > 10  # something is there and it is not flat
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_capture_is_dark_and_still_and_is_resumed_to_its_end(how, long_plan, simulated_rig):
     session = long_plan / "session"
     with running_rig("capture", "long.toml", "-o", session, "--rig", simulated_rig.toml, cwd=long_plan) as process:

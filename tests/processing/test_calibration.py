@@ -7,6 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from processing import geometry
 from processing.board import Board, BoardView, find_charuco, find_chessboard, gray8
@@ -96,6 +98,18 @@ def test_noisy_corners_give_the_plane_to_the_noise_and_honest_deviations():
             assert np.abs(found[name].project(sample) - camera.project(sample)).max() < 0.2
             errors.append(normalised_errors(camera, found[name]))
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.5  # priors and true values agree better than one sigma
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.permutations(range(4)), st.permutations(range(8)), st.integers(1, 50))
+def test_order_of_cameras_and_names_of_poses_do_not_matter(cameras_in, poses_in, step):
+    """Pose 0 alone has a meaning; the search stops within a hundredth of the uncertainty."""
+    _, views = network(0.1)
+    turned = {f"cam{i}": {k * step: views[f"cam{i}"][k] for k in poses_in} for i in cameras_in}
+    one, other = calibrate_views(views, SIZES), calibrate_views(turned, SIZES)
+    for name, camera in one.items():
+        np.testing.assert_allclose(camera.deviation, other[name].deviation, rtol=1e-2)
+        assert (np.abs(normalised_errors(camera, other[name])) < 0.01).all()
 
 
 def test_a_camera_that_misses_pose_zero_is_placed_by_the_others():

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image
 
 from processing.depth_picture import depth_picture, write_point_cloud
@@ -112,9 +115,18 @@ def test_depth_picture_orders_depths():
     assert not depth_picture(np.full((3, 4), np.nan)).any()
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(-6, 6), st.floats(-5, 5))
+def test_depth_picture_knows_no_unit_and_no_zero(seed, decades, start):
+    rng = np.random.default_rng(seed)
+    depth = np.where(rng.random((6, 7)) < 0.2, np.nan, rng.uniform(1, 2, (6, 7)))
+    other = depth_picture((depth + start) * 10**decades).astype(int)
+    assert np.abs(other - depth_picture(depth)).max() <= 8  # a step of the colour table
+    assert not other[np.isnan(depth)].any()
+
+
 def test_point_cloud_is_read_by_others(tmp_path):
     """trimesh reads back the finite points with their colours."""
-    trimesh = pytest.importorskip("trimesh")
     points = np.array([[[0.1, 0.2, 0.3], [np.nan] * 3], [[0.4, 0.5, 0.6], [0.7, 0.8, 0.9]]])
     colour = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
     assert write_point_cloud(tmp_path / "p.ply", points, colour) == 3

@@ -4,7 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from processing import geometry
 from processing.fan import fan_angle, fan_distance, fan_gradient, fan_source
 from processing.holder import opening, reference_region
 from processing.laser_plane import SweepStatus, fit_sweep
@@ -57,6 +60,47 @@ def test_fan_is_the_plane_through_source_and_point():
     normal = np.sin(angle) * level - np.cos(angle) * up
     assert abs((point - source) @ normal) < 1e-12
     assert fan_distance(TRUE, point) == pytest.approx(0.8, abs=0.03)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.tuples(st.floats(0.3, 1.4), st.floats(0.3, 2.0), st.floats(-3.1, 3.1), st.floats(-0.05, 0.05)).map(np.array),
+    st.tuples(*[st.floats(-0.05, 0.05)] * 3).map(np.array),
+    st.floats(-1.0, 1.0),
+)
+def test_all_points_of_a_fan_plane_have_its_angle(fan, point, along):
+    """Moved along the axis or along the ray from the laser a point stays in its plane."""
+    source, level, up = fan_source(fan)
+    axis = np.cross(level, up)
+    assert abs(source @ source - fan[1] ** 2) < 1e-12
+    for other in (point + along * axis, source + (1.5 + along) * (point - source)):
+        assert fan_angle(fan, other) == pytest.approx(fan_angle(fan, point), abs=1e-9)
+        towards = source - other
+        assert fan_distance(fan, other) == pytest.approx(np.linalg.norm(towards - (towards @ axis) * axis), abs=1e-12)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(-1e4, 1e4))
+def test_order_of_points_and_start_of_the_clock_do_not_matter(seed, start):
+    """Up to the place of the knots in the clock's digits: a hundredth of a sigma."""
+    rng = np.random.default_rng(seed)
+    points, times = (values[::5] for values in reference(RIG))
+    times, order = times + rng.normal(0, 0.01, times.size), rng.permutation(times.size)
+    one = fit_sweep(points, times, np.full(times.size, 1e-4), RIG.mount)
+    other = fit_sweep(points[order], times[order] + start, np.full(times.size, 1e-4), RIG.mount)
+    assert other.status == one.status == SweepStatus.OK
+    assert (np.abs(other.fan - one.fan) < 0.01 * one.deviation).all()
+    assert other.first - one.first == pytest.approx(start, abs=1e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(-3.1, 3.1), st.sampled_from([25, 60, 88]))
+def test_a_square_holder_looks_the_same_after_a_quarter_turn(turn, elevation_deg):
+    camera = camera_at(elevation_deg)
+    here, there = (
+        reference_region(camera, geometry.rotation_z(angle), HOLDER, RIG.source) for angle in (turn, turn + np.pi / 2)
+    )
+    assert np.mean(here.height != there.height) < 1e-3  # rounding at the edges
 
 
 @pytest.mark.parametrize("reverse", [False, True])

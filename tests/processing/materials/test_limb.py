@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from processing.errors import ImageError
 from processing.limb import find_sphere
@@ -69,11 +71,31 @@ def test_missing_and_saturated_pixels_take_no_part(rng):
     np.testing.assert_allclose(sphere.centre_px, (101.3, 88.6), atol=0.3)
 
 
-def test_scale_of_the_radiance_does_not_matter(rng):
-    images = photographs(rng)
-    reference = find_sphere(images)
-    for factor in (1e-6, 1e6):
-        np.testing.assert_allclose(find_sphere(images * factor).centre_px, reference.centre_px, atol=1e-6)
+@pytest.fixture(scope="module")
+def images():
+    return photographs(np.random.default_rng(1))
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.floats(-6, 6), st.permutations(range(len(LIGHTS_DEG))))
+def test_unit_of_the_radiance_and_order_of_the_lights_do_not_matter(images, decades, order):
+    one, other = find_sphere(images), find_sphere(images[order] * 10**decades)
+    np.testing.assert_allclose(other.centre_px, one.centre_px, atol=1e-6)
+    assert other.radius_px == pytest.approx(one.radius_px, abs=1e-6)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.booleans(), st.booleans(), st.booleans())
+def test_a_mirrored_or_turned_image_has_its_circle_there(images, upside_down, sideways, turned):
+    """The rays start elsewhere and draw another sample of the same limb: to a fifth of sigma."""
+    moved = images[:, :: -1 if upside_down else 1, :: -1 if sideways else 1]
+    moved = moved.swapaxes(1, 2) if turned else moved
+    one, other = find_sphere(images), find_sphere(moved)
+    column, row = other.centre_px[::-1] if turned else other.centre_px
+    height, width = images.shape[1:]
+    there = (width - 1 - column if sideways else column, height - 1 - row if upside_down else row)
+    np.testing.assert_allclose(there, one.centre_px, atol=0.2 * one.sigma_px[:2].max())
+    assert other.radius_px == pytest.approx(one.radius_px, abs=0.2 * one.sigma_px[2])
 
 
 @pytest.mark.parametrize(

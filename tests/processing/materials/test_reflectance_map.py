@@ -2,6 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from processing.errors import ImageError
 from processing.limb import SphereImage
@@ -122,6 +124,24 @@ def test_a_card_in_the_spheres_shadow_is_left_out():
 def test_a_card_outside_the_image_is_named():
     with pytest.raises(ImageError, match="card"):
         card_irradiance(scene(), sphere_image(), WhiteCard(0.0, -0.2, 0.04, 0.011, 0.9))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(-6, 6), st.floats(-3, 3))
+def test_maps_are_linear_in_radiance_over_irradiance(seed, decades, decades_of_light):
+    """On mosaics of noise with gaps, whose texels must stay gaps."""
+    rng = np.random.default_rng(seed)
+    radiance, variance = rng.normal(size=(2, 50, 60)), rng.uniform(0.1, 1, (2, 50, 60))
+    radiance[rng.random(radiance.shape) < 0.01] = np.nan
+    distant = np.full(2, np.inf)
+    lights = np.array([[0.0, 0.6, -0.8], [0.6, 0.0, -0.8]])
+    shot = SpherePhotographs(radiance, variance, CFA, lights, distant, DISTANCE * RADIUS_M, RADIUS_M)
+    sphere, light = SphereImage(np.array([30.2, 24.7]), 20.0, np.eye(3), 100), rng.uniform(1, 2, (2, 3))
+    factor, brighter = 10**decades, 10**decades_of_light
+    scaled = replace(shot, radiance=radiance * factor, variance=variance * factor**2)
+    one, other = reflectance_maps(shot, sphere, light, 16), reflectance_maps(scaled, sphere, light * brighter, 16)
+    np.testing.assert_allclose(other.reflectance_cos * brighter / factor, one.reflectance_cos, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(other.variance * (brighter / factor) ** 2, one.variance, rtol=1e-5)
 
 
 def test_lights_and_images_must_agree():

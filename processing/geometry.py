@@ -8,7 +8,6 @@ camera_from_board`. Points are rows. The camera frame is OpenCV's: x right, y do
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-12)
@@ -25,12 +24,6 @@ def rigid(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
 def rigid_from_vectors(rotation_rad: ArrayLike, translation_m: ArrayLike) -> Array:
     """Transform (4, 4) of a rotation vector (axis times angle, Rodrigues) and a translation (3,)."""
     return rigid(cv2.Rodrigues(np.asarray(rotation_rad, np.float64).reshape(3, 1))[0], translation_m)
-
-
-def rotation_vector(transform: Array) -> Array:
-    """Rotation vector (3,) of a rigid transform (4, 4)."""
-    # Not OpenCV's Rodrigues: it takes turns under 1e-5 rad for none.
-    return np.asarray(Rotation.from_matrix(transform[:3, :3]).as_rotvec(), np.float64)
 
 
 def rotation_z(angle_rad: float) -> Array:

@@ -177,11 +177,9 @@ def _reference(contour: Array, matrix: Array, distortion: Array, shape: tuple[in
     model = np.array([(0, 0, 0), (width, 0, 0), (width, height, 0), (0, height, 0)])
     _, rotation, translation = cv2.solvePnP(model, exact, matrix, np.zeros(5), flags=cv2.SOLVEPNP_IPPE)
     camera_from_rectangle = geometry.rigid_from_vectors(rotation.ravel(), translation.ravel())
-    normal = camera_from_rectangle[:3, 2]
-    offset = float(normal @ camera_from_rectangle[:3, 3])
     mask = np.zeros(shape, np.uint8)
     cv2.fillPoly(mask, [np.rint(contour).astype(np.int32)], 1)
-    return _Reference(Plane(normal, offset, np.nan, 4), cv2.erode(mask, np.ones((5, 5), np.uint8)).astype(bool))
+    return _Reference(Plane.of_board(camera_from_rectangle), cv2.erode(mask, np.ones((5, 5), np.uint8)).astype(bool))
 
 
 def _side(points: Array, start: Array, end: Array) -> tuple[Array, float]:

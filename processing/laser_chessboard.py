@@ -105,8 +105,7 @@ def _board_stripe(folder: Path, calibration: dict[str, Any], number: int) -> Boa
     uv_px = ridge.uv_px[stripe_line(ridge.uv_px, _CURVATURE_PX).inliers]
     residual, good = _bend_residual(uv_px)
     rays = geometry.pixel_rays(uv_px[good], matrix, distortion, np.eye(4))
-    normal = camera_from_board[:3, 2]
-    points = geometry.intersect_plane(np.zeros(3), rays, normal, float(normal @ camera_from_board[:3, 3]))
+    points = Plane.of_board(camera_from_board).cut(rays)
     return BoardStripe(name, uv_px[good], points, float(np.sqrt(np.mean(residual[good] ** 2))))
 
 

@@ -34,12 +34,12 @@ class Weighting(Enum):
 class Sweep:
     """One passage of the stripe in one camera.
 
-    `view` names what shares one view of the sample: camera and turntable angle. `frames` are uint16 mosaics (t, h, w),
-    any iterable of them, or peak times already found; `times` (t,) in frame intervals where frames are missing.
+    `view` names what shares one view of the sample: camera and turntable angle. `frames` are uint16 mosaics (t, h, w)
+    or any iterable of them; `times` (t,) in frame intervals where frames are missing.
     """
 
     view: str
-    frames: Iterable[NDArray[np.uint16]] | PeakTimes
+    frames: Iterable[NDArray[np.uint16]]
     sensor: Sensor
     camera: CameraModel
     rig_from_sample: Array
@@ -101,9 +101,7 @@ def mdf_from_sweeps(
 
 def measure_sweep(sweep: Sweep, holder: Holder, settings: PulseSettings | None = None) -> SweepResult:
     """Peak times, laser planes and displacements of one sweep. Raises ImageError where frames do not fit the camera."""
-    peaks = sweep.frames
-    if not isinstance(peaks, PeakTimes):
-        peaks = peak_times(peaks, sweep.sensor, settings, sweep.times)
+    peaks = peak_times(sweep.frames, sweep.sensor, settings, sweep.times)
     if peaks.status.shape != tuple(sweep.camera.size):
         raise ImageError(f"{sweep.view}: frames of {peaks.status.shape} pixels, but a camera of {sweep.camera.size}.")
     laser = sweep_planes(peaks, sweep.camera, sweep.rig_from_sample, holder, sweep.mount)

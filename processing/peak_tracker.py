@@ -16,7 +16,7 @@ REACH = 12  # frames kept on either side of the brightest one: 4 sigma of the wi
 class Profiles:
     """What is kept of a sweep of n frames: per pixel (row-major, h w of them) the samples around its brightest moment.
 
-    `window[pixel, j]` is the sample (raw_dn) of frame `brightest[pixel] - reach + j`, to be used only where that frame
+    `window_dn[pixel, j]` is the sample of frame `brightest[pixel] - reach + j`, to be used only where that frame
     exists; `brightest` is -1 where a pixel never rose above zero. `second_dn` is the highest other local maximum more
     than `reach` frames away, `total_dn` the sum over all frames, `times` (n,) the frames' times in frame intervals.
     """

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from processing import geometry
 from processing.errors import ImageError
 from processing.robust import biweight, bulk_deviation, principal_axes
 
@@ -22,16 +23,19 @@ class Plane:
     rms_m: float
     points: int
 
+    @classmethod
+    def of_board(cls, camera_from_board: Array) -> "Plane":
+        """The plane z = 0 of a board, camera frame; no points made it."""
+        normal = camera_from_board[:3, 2]
+        return cls(normal, float(normal @ camera_from_board[:3, 3]), np.nan, 0)
+
     def distance(self, points_m: Array) -> Array:
         """Signed distances (...) of points (..., 3)."""
         return np.asarray(points_m @ self.normal - self.offset_m)
 
     def cut(self, rays: Array) -> Array:
-        """Points (..., 3) where rays from the origin meet the plane; NaN where they do not, or almost along it."""
-        slant = rays @ self.normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            length = np.where(np.abs(slant) > 1e-3, self.offset_m / slant, np.nan)
-        return np.asarray(np.where(length > 0, length, np.nan)[..., None] * rays)
+        """Points (..., 3) where rays from the origin meet the plane; NaN where they do not."""
+        return geometry.intersect_plane(np.zeros(3), rays, self.normal, self.offset_m)
 
     def towards(self, direction: Array) -> "Plane":
         """The same plane with its normal on the side of `direction`."""

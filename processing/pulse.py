@@ -32,13 +32,13 @@ def fit_pulses(
     times: _Vector,
     camera: _Camera,
     width: tuple[float, float, float],
-    limits: tuple[float, float, float],
+    limits: tuple[float, float],
     out: _Vector,
 ) -> None:
     """Fit every pixel of `pixels` (window_dn, brightest, second_dn, total_dn of Profiles) into `out` (pixels, FIELDS).
 
     `camera`: black_dn, gain_e_per_dn, dark variance (e2), saturation (e). `width`: common width in frames, one sigma of
-    its logarithm, half length of the fitted span in frames. `limits`: significance, floor_e, double fraction.
+    its logarithm, half length of the fitted span in frames. `limits`: significance, double fraction.
     Columns of `out` are TIME, VARIANCE, ... ; where a pixel has no pulse the numbers are NaN or mean nothing.
     """
     window, brightest, second, total = pixels
@@ -118,16 +118,16 @@ def _status(
     moments: _Vector,
     about: _About,
     camera: _Camera,
-    limits: tuple[float, float, float, float, float],
+    limits: tuple[float, float, float, float],
     row: _Vector,
 ) -> int:
     """What the fit in `row` amounts to, the first that applies."""
     peak, background, _, second_e, first_time, last_time = about
-    common_width, growth, significance, floor_e, fraction = limits
+    common_width, growth, significance, fraction = limits
     noise = math.sqrt(max(row[AMPLITUDE_VARIANCE], camera[2] / samples.size))
     cut = peak <= first_time or peak >= last_time
     status = OK
-    if row[AMPLITUDE] < floor_e or not row[AMPLITUDE] > significance * noise:
+    if not row[AMPLITUDE] > significance * noise:
         status = TOO_DARK
     elif cut or min(row[TIME] - first_time, last_time - row[TIME]) < row[WIDTH]:
         status = CUT_OFF

@@ -21,6 +21,7 @@ from processing.radiometry import Sensor
 _WIDTHS = (0.6, 1.0, 1.7, 2.8)  # starting points of the common width, frames
 _USUAL_WIDTH = 1.5  # frames; where nothing is seen, nothing depends on it
 _PILOTS = 1500  # pulses that determine it
+_SIGNIFICANCE = 5.0  # sigmas of the amplitude below which a pixel is dark
 _SPAN = 3.5  # widths on either side of the peak (and one frame) that enter the fit
 
 
@@ -28,7 +29,7 @@ class PeakStatus(IntEnum):
     """Outcome at one pixel; only OK carries a time."""
 
     OK = 0
-    TOO_DARK = pulse.TOO_DARK  # no pulse above the noise or above the floor: occluded from the laser, or black
+    TOO_DARK = pulse.TOO_DARK  # no pulse above the noise: occluded from the laser, or black
     CUT_OFF = pulse.CUT_OFF  # the pulse lies at the first or last frame, or too few frames surround it
     DOUBLE = pulse.DOUBLE  # a second comparable peak: interreflection, or two surfaces in one pixel
     SATURATED = pulse.SATURATED  # clipped, and not both flanks are seen
@@ -56,15 +57,12 @@ class PulseSettings:
     """What counts as a pulse.
 
     `width_frames` (standard deviation) is found from the brightest pulses where it is None; each pixel's own width may
-    differ from it by about `width_tolerance` (one sigma of its logarithm; 0 fixes it). `significance` is the amplitude
-    in sigmas below which a pixel is dark, `floor_e` an amplitude below which it is dark too (interreflections).
+    differ from it by about `width_tolerance` (one sigma of its logarithm; 0 fixes it).
     `double_fraction` is the height of another peak, relative to the pulse, that spoils the measurement.
     """
 
     width_frames: float | None = None
     width_tolerance: float = 0.2
-    significance: float = 5.0
-    floor_e: float = 0.0
     double_fraction: float = 0.4
 
 
@@ -133,7 +131,7 @@ def _fit(
 ) -> NDArray[np.float64]:
     """Rows of pulse.FIELDS per pixel; rows of pixels are fitted in parallel, each pixel by itself."""
     camera = (sensor.black_dn, sensor.gain_e_per_dn, sensor.dark_variance_e2, sensor.saturation_e)
-    limits = (settings.significance, settings.floor_e, settings.double_fraction)
+    limits = (_SIGNIFICANCE, settings.double_fraction)
     pixels = profiles.brightest.size
     fits = np.empty((pixels, pulse.FIELDS))
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from processing import geometry
 from processing.board import Board, BoardView, find_charuco, find_chessboard, gray8
@@ -70,7 +71,7 @@ def normalised_errors(true, found):
     """Errors of fx fy cx cy, k1 k2 p1 p2 k3, turn and shift of camera_from_rig in units of the deviations claimed."""
     inside = (found.matrix - true.matrix)[[0, 1, 0, 1], [0, 1, 2, 2]]
     poses = [geometry.invert(camera.rig_from_camera) for camera in (found, true)]
-    turn = geometry.rotation_vector(poses[0] @ geometry.invert(poses[1]))
+    turn = Rotation.from_matrix(poses[0][:3, :3] @ poses[1][:3, :3].T).as_rotvec()
     shift = poses[0][:3, 3] - poses[1][:3, 3]
     return np.concatenate([inside, found.distortion - true.distortion, turn, shift]) / found.deviation
 

@@ -5,11 +5,12 @@ Drivers implement these protocols, the runner uses them. Commands that take time
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
 
+from rig.errors import ReadTimeoutError, TransportError
 from rig.interrupts import postponed
 
 log = logging.getLogger(__name__)
@@ -162,8 +163,9 @@ class Rig:
     def make_safe(self) -> list[str]:
         """Lamps and laser off, motion stopped, exposures dropped; each step is tried whatever fails before it.
 
-        A Ctrl-C or a termination waits for all of it, so that no light stays on because of a second one. Returns one
-        line per device whose safe state could not be confirmed (empty: all confirmed).
+        A wire that was lost is tried anew. A Ctrl-C or a termination waits for all of it, so that no light stays on
+        because of a second one. Returns one line per device whose safe state could not be confirmed (empty: all
+        confirmed).
         """
         actions = [("lamps", self.lamps.off)]
         if self.laser is not None:
@@ -174,7 +176,7 @@ class Rig:
         with postponed():
             for device, action in actions:
                 try:
-                    action()
+                    _insist(action)
                 except Exception as error:  # noqa: BLE001 - whatever fails, the next lamp must still go off
                     unconfirmed.append(f"{device}: unconfirmed ({error})")
         return unconfirmed
@@ -191,6 +193,16 @@ class Rig:
         finally:
             for closer in self.closers:
                 closer.close()
+
+
+def _insist(action: Callable[[], None]) -> None:
+    """Twice where the wire is lost: that may have gone unnoticed for long, and only the next use opens it anew."""
+    try:
+        action()
+    except ReadTimeoutError:
+        raise
+    except TransportError:
+        action()
 
 
 class Closer(Protocol):

@@ -177,6 +177,17 @@ def test_what_cannot_be_made_safe_is_reported_and_the_rest_is_made_safe(world):
         assert world.universes[-1] == bytes(24)
 
 
+@pytest.mark.parametrize("wire", ["bus", "dmx", "tower"])
+def test_a_wire_that_was_lost_and_is_back_is_made_safe(world, wire):
+    """An adapter that the system has dropped and found again, as they do when a motor starts beside them."""
+    with open_rig(world.config) as rig:
+        rig.lamps.light({"led": 1.0})
+        getattr(world, wire).unplug()
+        getattr(world, wire).plug()
+        assert rig.make_safe() == []
+        assert world.universes[-1] == bytes(24)
+
+
 def test_lamps_that_cannot_be_opened_do_not_keep_the_laser_lit(world):
     """What a crash left on goes off as far as it can be reached."""
     world.dmx.unplug()

@@ -25,6 +25,10 @@ _UNEVENNESS = 0.1  # relative change of the motor's speed from knot to knot (one
 _MIN_POINTS = 60
 _MAX_POINTS = 12000
 _ITERATIONS = 30
+_SLOWEST = 0.3  # of the mean speed: where the spline is slower, it follows noise
+_LATEST_FRAMES = 0.5  # by which a time is corrected; what is later is an outlier
+_STEP_M = 1e-4  # in height that tells the holder's two levels apart
+_SECOND_HEIGHT = 0.02  # share of the points that must lie on the lower one
 _CHUNK = 32768
 
 
@@ -147,7 +151,7 @@ def fit_sweep(points_m: Array, time_frames: Array, time_variance: Array, mount: 
         return _no_stripe(mount, len(points_m))
     solution, covariance, weights = problem.solve()
     used = problem.points_m[weights > 0.0]
-    one_height = float(np.ptp(used[:, 2])) < 1e-4 or np.mean(used[:, 2] < used[:, 2].max() - 1e-4) < 0.02
+    one_height = float(np.mean(used[:, 2] < used[:, 2].max() - _STEP_M)) < _SECOND_HEIGHT
     return LaserSweep(
         SweepStatus.ONE_HEIGHT if one_height else SweepStatus.OK,
         solution[:4],
@@ -195,7 +199,7 @@ class _Problem:
 
     def _sigma(self, residual: Array, speed: Array) -> Array:
         """Standard deviation of every residual; brings `excess` to where the robust scale of residual / sigma is 1."""
-        noise = np.maximum(speed**2, (0.3 * self.rate) ** 2) * self.variance
+        noise = np.maximum(speed**2, (_SLOWEST * self.rate) ** 2) * self.variance
         for _ in range(8):
             sigma2 = noise + self.excess**2
             change = (bulk_deviation(residual / np.sqrt(sigma2)) ** 2 - 1.0) * float(np.median(sigma2))
@@ -207,8 +211,8 @@ class _Problem:
 
         The times carry the noise, the points do not: with the noise among the regressors the laser would seem too far.
         """
-        late = residual / np.where(np.abs(speed) > 0.3 * abs(self.rate), speed, self.rate)
-        basis = _basis(self.knots, self.time + np.clip(late, -0.5, 0.5))
+        late = residual / np.where(np.abs(speed) > _SLOWEST * abs(self.rate), speed, self.rate)
+        basis = _basis(self.knots, self.time + np.clip(late, -_LATEST_FRAMES, _LATEST_FRAMES))
         return np.hstack([fan_gradient(solution[:4], self.points_m), -basis])
 
     def _step(self, solution: Array, residual: Array, jacobian: Array, weights: Array) -> tuple[Array, Array]:

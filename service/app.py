@@ -2,26 +2,23 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from http import HTTPStatus
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
-from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
-from fastapi.exceptions import RequestValidationError
-from fastapi.responses import HTMLResponse, JSONResponse
-from starlette.exceptions import HTTPException
-from starlette.middleware.trustedhost import TrustedHostMiddleware
+from fastapi import FastAPI, WebSocket, WebSocketDisconnect
+from fastapi.responses import HTMLResponse
 
 from rig.config import RigConfig
+from service.guard import Guard
 from service.host import SessionHost
 from service.jobs import Jobs
 from service.machine import versions
-from service.problems import PROBLEMS, problem_of
+from service.problem_json import report_problems
 from service.routes import devices, jobs, plans, results, sessions
 
 API = "/api/v1"
-LOCAL_HOSTS = ["127.0.0.1", "localhost", "[::1]", "testserver"]
 WEB = Path(__file__).parent / "web"
+NO_SESSION = 4004  # of the codes that a WebSocket leaves to its application
 
 
 def create_app(config: RigConfig, sessions_folder: Path) -> FastAPI:
@@ -39,25 +36,26 @@ def interface() -> FastAPI:
         description="Capture sessions, devices and results of one rig. Errors are problem+json (RFC 9457).",
         openapi_url=f"{API}/openapi.json", docs_url=f"{API}/docs", redoc_url=None,
     )  # fmt: skip
-    app.add_middleware(TrustedHostMiddleware, allowed_hosts=LOCAL_HOSTS)  # against DNS rebinding
+    app.add_middleware(Guard)
     for module in (devices, plans, sessions, jobs, results):
         app.include_router(module.router, prefix=API)
     app.add_api_websocket_route(f"{API}/sessions/{{session_id}}/events", follow_events)
     app.add_api_route("/", start_page, response_class=HTMLResponse, include_in_schema=False)
-    _report_problems(app)
+    report_problems(app)
     return app
 
 
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     yield
+    await asyncio.to_thread(app.state.host.close)  # first: a job may take minutes to its next step
     await asyncio.to_thread(app.state.jobs.close)
-    await asyncio.to_thread(app.state.host.close)
 
 
-async def start_page() -> str:
-    """The start page: sessions and their live progress."""
-    return await asyncio.to_thread((WEB / "index.html").read_text, encoding="utf-8")
+async def start_page() -> HTMLResponse:
+    """The start page: sessions and their live progress. No other site may show it in a frame of its own."""
+    page = await asyncio.to_thread((WEB / "index.html").read_text, encoding="utf-8")
+    return HTMLResponse(page, headers={"Content-Security-Policy": "frame-ancestors 'none'"})
 
 
 async def follow_events(socket: WebSocket, session_id: str, after: int = 0) -> None:
@@ -66,46 +64,19 @@ async def follow_events(socket: WebSocket, session_id: str, after: int = 0) -> N
     host: SessionHost = socket.app.state.host
     await socket.accept()
     if session_id not in await asyncio.to_thread(host.ids):
-        await socket.close(4004, f"no session {session_id!r}")
+        await socket.close(NO_SESSION, f"no session {session_id!r}")
         return
-    while True:
-        for message in host.messages(session_id, after):
-            await socket.send_json(message)
-            after = int(message["sequence"])
-        try:
-            await asyncio.wait_for(socket.receive_text(), timeout=0.1)  # also notices that the reader is gone
-        except TimeoutError:
-            continue
-        except WebSocketDisconnect:
-            return
+    with suppress(WebSocketDisconnect):
+        while True:
+            for message in host.messages(session_id, after):
+                await socket.send_json(message)
+                after = int(message["sequence"])
+            await _pause(socket)
 
 
-def _report_problems(app: FastAPI) -> None:
-    """Every error body is problem+json with a stable code."""
-
-    async def expected(request: Request, error: Exception) -> JSONResponse:
-        problem = problem_of(error)
-        assert problem is not None
-        return _problem(problem.status, problem.code, str(error))
-
-    async def malformed(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, RequestValidationError)
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        return _problem(422, "malformed-request", f"{where}: {first['msg']}")
-
-    async def refused(request: Request, error: Exception) -> JSONResponse:
-        assert isinstance(error, HTTPException)
-        code = HTTPStatus(error.status_code).phrase.lower().replace(" ", "-")
-        return _problem(error.status_code, code, str(error.detail))
-
-    for kind in PROBLEMS:
-        app.add_exception_handler(kind, expected)
-    app.add_exception_handler(RequestValidationError, malformed)
-    app.add_exception_handler(HTTPException, refused)
-
-
-def _problem(status: int, code: str, detail: str) -> JSONResponse:
-    body = {"type": f"/problems/{code}", "title": HTTPStatus(status).phrase, "status": status, "code": code,
-            "detail": detail}  # fmt: skip
-    return JSONResponse(body, status, media_type="application/problem+json")
+async def _pause(socket: WebSocket) -> None:
+    """Let a moment pass. Raises WebSocketDisconnect where the reader is gone; what readers say is not for us."""
+    with suppress(TimeoutError):
+        message = await asyncio.wait_for(socket.receive(), timeout=0.1)
+        if message["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect

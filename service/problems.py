@@ -46,8 +46,13 @@ class Problem:
     exit_code: int
 
 
+class NotFoundError(Exception):
+    """An address of the REST service that names nothing: no such session, job, frame or product."""
+
+
 # The nearest class in the error's own ancestry decides, so that a new subclass is reported like its parent.
 PROBLEMS: dict[type[Exception], Problem] = {
+    NotFoundError: Problem(404, "not-found", 2),
     UnknownDeviceError: Problem(404, "unknown-device", 2),
     LimitError: Problem(422, "out-of-range", 2),
     InterlockError: Problem(422, "interlock", 2),
@@ -62,8 +67,8 @@ PROBLEMS: dict[type[Exception], Problem] = {
     StateError: Problem(409, "wrong-state", 4),
     BusyError: Problem(409, "busy", 4),
     DiskFullError: Problem(507, "disk-full", 5),
-    MissingFrameError: Problem(422, "missing-frame", 5),
-    StoreError: Problem(422, "session-unreadable", 5),
+    MissingFrameError: Problem(500, "missing-frame", 5),
+    StoreError: Problem(500, "session-unreadable", 5),
     ImageError: Problem(422, "unusable-image", 2),
     CalibrationError: Problem(422, "cannot-calibrate", 2),
     GlUnavailableError: Problem(503, "no-opengl", 3),
@@ -73,7 +78,8 @@ PROBLEMS: dict[type[Exception], Problem] = {
 }
 
 
-UNUSABLE_FILE = Problem(422, "unusable-file", 5)  # a path that cannot be opened, made or written
+UNUSABLE_FILE = Problem(500, "unusable-file", 5)  # a path that cannot be opened, made or written
+DEFECT = Problem(500, "defect", 1)
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 

@@ -22,8 +22,11 @@ def serve(config: RigConfig, sessions: Path, port: int) -> None:
     with _listener(port) as listener:
         tell(f"Start page: http://{HOST}:{port}/   REST: http://{HOST}:{port}/api/v1/docs   Ctrl-C ends.")
         server = uvicorn.Server(uvicorn.Config(app, log_level="warning"))
-        with terminate_as_interrupt(), suppress(KeyboardInterrupt):  # uvicorn ends itself, then passes the signal on
-            server.run(sockets=[listener])
+        try:
+            with terminate_as_interrupt(), suppress(KeyboardInterrupt):  # uvicorn ends itself, then passes the signal on
+                server.run(sockets=[listener])
+        finally:
+            app.state.host.close()  # which uvicorn leaves out after a second Ctrl-C
 
 
 def _listener(port: int) -> socket.socket:

@@ -6,6 +6,7 @@ A product whose inputs have not changed is not made again.
 
 from pathlib import Path
 
+from rig.errors import StateError
 from rig.sessions import BtfPlan, CalibratePlan, MdfPlan, Session, SrfPlan
 from service.pipeline.btf import make_btf
 from service.pipeline.calibration import load_calibration, make_calibration
@@ -20,8 +21,12 @@ def process(session: Session, calibration: Path | None, progress: Progress, *, r
     """Make every product of a session; returns their folders.
 
     `calibration` is the folder of a processed `calibrate` session, needed for `btf` and `mdf`.
+    Raises StateError where steps are still to be taken: a product of some of them would look like one of all.
     Raises MissingFrameError, ImageError, CalibrationError; products that exist stay as they were.
     """
+    if (left := len(session.remaining())) > 0:
+        of_all = f"{left} of {len(session.steps)} steps"
+        raise StateError(f"{session.folder}: {of_all} are still to be taken; `rig resume {session.folder}` takes them.")
     match session.plan:
         case CalibratePlan():
             return [make_calibration(session, progress)]

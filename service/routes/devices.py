@@ -33,7 +33,7 @@ def read_axis(name: str, host: Host) -> dict[str, Any]:
         return {"name": name, "angle_deg": degrees(rig.axes[name].angle_rad())}
 
 
-@router.post("/axes/{name}/moves", status_code=201)
+@router.post("/axes/{name}/moves")
 def move_axis(name: str, move: Move, host: Host) -> dict[str, Any]:
     """Home the axis, move it and wait; out of range is an error before anything moves."""
     _check_axis(name, host)

@@ -4,6 +4,8 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Response
 
+from rig.sessions import Session
+from service.jobs import Job
 from service.pipeline import process
 from service.routes.dependencies import Host, JobList
 
@@ -19,9 +21,14 @@ def process_session(
     calibration: Annotated[str | None, Body(embed=True)] = None,
 ) -> dict[str, Any]:
     """Make the session's products; `calibration` is the id of the session that calibrated the cameras."""
-    session = host.open(session_id)
-    calibrated = None if calibration is None else host.folder / host.open(calibration).folder.name
-    job = jobs.submit(f"process {session_id}", lambda progress: process(session, calibrated, progress))
+    folder = host.folder_of(session_id)
+    calibrated = None if calibration is None else host.folder_of(calibration)
+
+    def work(progress: Job) -> None:
+        with Session.open(folder) as session:
+            process(session, calibrated, progress)
+
+    job = jobs.submit(f"process {session_id}", work)
     response.headers["Location"] = f"/api/v1/jobs/{job}"
     return jobs.read(job)
 

@@ -1,5 +1,7 @@
 """Results: the files of a session's products, and pictures of them."""
 
+import threading
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
@@ -7,15 +9,18 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
-from starlette.exceptions import HTTPException
 
+from service.host import SessionHost
+from service.problems import NotFoundError
 from service.routes.dependencies import Host
 from service.viewing import draw_product
 
 router = APIRouter(prefix="/sessions/{session_id}/products", tags=["results"])
+# One picture at a time: each takes all cores and up to a gigabyte.
+_drawing = threading.Lock()
 
 
-class Look(BaseModel, extra="forbid"):
+class Look(BaseModel, extra="forbid", allow_inf_nan=False):
     """How a material is to be shown; the light's azimuth counts from +X toward +Y, its elevation from the horizon."""
 
     shape: Literal["", "sphere", "plane", "torus", "vase"] = ""
@@ -27,27 +32,37 @@ class Look(BaseModel, extra="forbid"):
 @router.get("")
 def list_files(session_id: str, host: Host) -> list[str]:
     """Every file of the session's products, as paths below this address."""
-    with host.open(session_id) as session:
-        files = [path for path in session.products.rglob("*") if path.is_file()]
-        return sorted(path.relative_to(session.products).as_posix() for path in files)
+    root = _products(session_id, host)
+    files = [path for path in root.rglob("*") if path.is_file() and not path.is_symlink()]
+    return sorted(path.relative_to(root).as_posix() for path in files)
 
 
 @router.get("/{name}/picture.png", response_class=Response)
 def draw_picture(session_id: str, name: str, look: Annotated[Look, Query()], host: Host) -> Response:
     """A product as a picture: a material on a shape under one light, or what was measured."""
-    with host.open(session_id) as session, TemporaryDirectory() as folder:
+    product = _file(session_id, f"{name}/product.json", host).parent
+    light_deg = (look.azimuth_deg, look.elevation_deg)
+    with _drawing, TemporaryDirectory() as folder:
         picture = Path(folder) / "picture.png"
-        light_deg = (look.azimuth_deg, look.elevation_deg)
-        draw_product(session.products / Path(name).name, picture, look.shape, light_deg, look.size)
+        draw_product(product, picture, look.shape, light_deg, look.size)
         return Response(picture.read_bytes(), media_type="image/png")
 
 
 @router.get("/{path:path}", response_class=FileResponse)
 def read_file(session_id: str, path: str, host: Host) -> FileResponse:
     """One file of a product, pictures among them."""
-    with host.open(session_id) as session:
-        root = session.products.resolve()
+    return FileResponse(_file(session_id, path, host))
+
+
+def _products(session_id: str, host: SessionHost) -> Path:
+    return (host.folder_of(session_id) / "products").resolve()
+
+
+def _file(session_id: str, path: str, host: SessionHost) -> Path:
+    """A file of the products. Raises NotFoundError for what is none, and for what leads out of them."""
+    root = _products(session_id, host)
+    with suppress(OSError, ValueError):  # no name of a file: too long, or with a zero in it
         wanted = (root / path).resolve()
-    if not wanted.is_relative_to(root) or not wanted.is_file():
-        raise HTTPException(404, f"session {session_id} has no product file {Path(path).as_posix()!r}.")
-    return FileResponse(wanted)
+        if wanted.is_relative_to(root) and wanted.is_file():
+            return wanted
+    raise NotFoundError(f"session {session_id} has no product file {path!r}.")

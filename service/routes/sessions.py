@@ -5,9 +5,11 @@ from typing import Any, Literal
 
 from fastapi import APIRouter, Response
 
-from rig.errors import MissingFrameError
+from rig.errors import StoreError
 from rig.sessions import Session, allowed, parse_plan
+from service.host import SessionHost
 from service.pictures import frame_png
+from service.problems import NotFoundError
 from service.routes.dependencies import Host
 
 router = APIRouter(prefix="/sessions", tags=["sessions"])
@@ -16,8 +18,8 @@ OperatorAction = Literal["start", "pause", "resume", "stop", "abort", "acknowled
 
 @router.get("")
 def list_sessions(host: Host) -> list[dict[str, Any]]:
-    """Every session, newest first."""
-    return [read_session(session_id, host) for session_id in host.ids()]
+    """Every session, newest first; of one that is damaged, or that was taken away a moment ago, what is wrong."""
+    return [_entry(session_id, host) for session_id in host.ids()]
 
 
 @router.post("", status_code=201)
@@ -31,8 +33,8 @@ def start_session(plan: dict[str, Any], host: Host, response: Response) -> dict[
 @router.get("/{session_id}")
 def read_session(session_id: str, host: Host) -> dict[str, Any]:
     """State, allowed actions and progress of one session."""
-    state = host.state(session_id)
     with host.open(session_id) as session:
+        state = host.state(session)
         return {
             "id": session_id, "kind": session.plan.kind, "state": state, "allowed": allowed(state),
             "done": len(session.done()), "total": len(session.steps),
@@ -43,19 +45,18 @@ def read_session(session_id: str, host: Host) -> dict[str, Any]:
 @router.post("/{session_id}/actions/{action}", status_code=202)
 def act(session_id: str, action: OperatorAction, host: Host) -> dict[str, Any]:
     """Pause, resume, stop, abort, acknowledge or start again. 409 names the state and what is allowed in it."""
-    host.open(session_id).close()
     host.act(session_id, action)
     return read_session(session_id, host)
 
 
 @router.get("/{session_id}/frames")
-def list_frames(session_id: str, host: Host) -> list[dict[str, Any]]:
-    """Every durable frame with its step, camera, exposure and checksum."""
+def list_frames(session_id: str, host: Host, step: str | None = None) -> list[dict[str, Any]]:
+    """Every durable frame, or those of one step, with its step, camera, exposure and checksum."""
     with host.open(session_id) as session:
         return [
             {"step": r.step.id, "camera": r.camera, "exposure_s": r.exposure_s, "frames": r.frames, "sha256": r.sha256}
-            for r in session.frames()
-        ]
+            for r in session.frames() if step in (None, r.step.id)
+        ]  # fmt: skip
 
 
 @router.get("/{session_id}/frames/{step}/{camera}.png", response_class=Response)
@@ -65,8 +66,18 @@ def read_frame(session_id: str, step: str, camera: str, host: Host) -> Response:
         return Response(frame_png(_record_path(session, step, camera)), media_type="image/png")
 
 
+def _entry(session_id: str, host: SessionHost) -> dict[str, Any]:
+    try:
+        return read_session(session_id, host)
+    except (StoreError, NotFoundError) as error:
+        return {
+            "id": session_id, "kind": None, "state": "unreadable", "allowed": (), "done": 0, "total": 0,
+            "products": [], "problem": str(error),
+        }  # fmt: skip
+
+
 def _record_path(session: Session, step: str, camera: str) -> Path:
     for record in session.frames():
         if (record.step.id, record.camera) == (step, camera):
             return record.path
-    raise MissingFrameError(f"session {session.id}: no frame of step {step!r} and camera {camera!r}.")
+    raise NotFoundError(f"session {session.id}: no frame of step {step!r} and camera {camera!r}.")

@@ -1,7 +1,6 @@
 """A service on a simulated rig, driven as a program would drive it."""
 
 import time
-import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,8 +10,9 @@ from fastapi.testclient import TestClient
 from rig.config import load_config
 from service.app import create_app
 
-PLANS = Path(__file__).parents[2] / "docs" / "plans"
 API = "/api/v1"
+ORIGIN = "http://127.0.0.1"
+LIVE = f"ws://127.0.0.1{API}"  # the test client has another host of its own for WebSockets
 ROOT_OPENAPI = Path(__file__).parents[2] / "service" / "openapi.json"
 SMALL_BTF = {
     "kind": "btf",
@@ -23,12 +23,19 @@ SMALL_BTF = {
     "exposures_s": [0.02],
     "texels": 8,
 }
-CALIBRATE = tomllib.loads((PLANS / "calibrate.toml").read_text())
+CALIBRATE = {
+    "kind": "calibrate",
+    "board_poses": 4,
+    "lamp": "lamp6",
+    "light_arc_deg": 60,
+    "cameras": ["cam4", "cam7"],
+    "exposure_s": 0.05,
+}
 
 
 @pytest.fixture
 def client(simulated_rig, tmp_path) -> Iterator[TestClient]:
-    with TestClient(create_app(load_config(simulated_rig.toml), tmp_path / "sessions")) as client:
+    with TestClient(create_app(load_config(simulated_rig.toml), tmp_path / "sessions"), base_url=ORIGIN) as client:
         yield client
 
 

@@ -27,7 +27,12 @@ class Light:
 
 
 def light(azimuth_rad: float, elevation_rad: float, irradiance: float | Sequence[float] = 1.0) -> Light:
-    """A light at an azimuth from +X toward +Y and an elevation over the horizon."""
+    """A light at an azimuth from +X toward +Y and an elevation over the horizon.
+
+    Raises SceneError for angles that are no numbers.
+    """
+    if not np.isfinite((azimuth_rad, elevation_rad)).all():
+        raise SceneError(f"a light at azimuth {azimuth_rad} and elevation {elevation_rad} rad stands nowhere")
     cos_elevation = np.cos(elevation_rad)
     direction = [np.cos(azimuth_rad) * cos_elevation, np.sin(azimuth_rad) * cos_elevation, np.sin(elevation_rad)]
     return Light(np.array(direction), np.broadcast_to(np.asarray(irradiance, dtype=np.float64), 3))

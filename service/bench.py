@@ -6,11 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 
 from rig.errors import ConfigError
 from service.machine import machine, versions
@@ -38,7 +36,7 @@ def benchmarks() -> dict[str, str]:
     return found
 
 
-def run_benchmark(name: str, *, quick: bool) -> dict[str, object]:
+def run_benchmark(name: str, *, quick: bool) -> dict[str, Any]:
     """Run a benchmark and return its record. Raises ConfigError where there is no such benchmark."""
     path = FOLDER / f"{name}.py"
     if not path.is_file():
@@ -58,7 +56,8 @@ def run_benchmark(name: str, *, quick: bool) -> dict[str, object]:
 
 def draw_report(records: Sequence[Path], picture: Path) -> int:
     """Draw run time against error of every row that has both, one colour per benchmark, peers hollow; count them."""
-    figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    axes = figure.subplots()
     drawn = 0
     for path in records:
         record = json.loads(path.read_text())
@@ -73,7 +72,6 @@ def draw_report(records: Sequence[Path], picture: Path) -> int:
     axes.set(xscale="log", yscale="log", xlabel="run time in s", ylabel="relative error (hollow: peers)")
     axes.grid(alpha=0.3)
     figure.savefig(picture, dpi=120)
-    plt.close(figure)
     return drawn
 
 

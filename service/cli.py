@@ -17,7 +17,7 @@ from rig.config import RigConfig, load_config
 from rig.sessions import Operator, RunReport, Session, describe, forecast, load_plan, schedule
 from service.capture import capture as run_capture
 from service.capture import resume as run_resume
-from service.console import EXIT_EPILOG, ConsoleProgress, ask_operator, console, reported_errors, tell
+from service.console import EXIT_EPILOG, SAFE, ConsoleProgress, ask_operator, console, reported_errors, tell
 from service.simulation import Simulation, mount_at
 
 app = typer.Typer(
@@ -89,7 +89,7 @@ def capture(
     as_json: JsonOption = False,
 ) -> None:
     """Carry out a plan. Ctrl-C leaves the rig dark and still and the session resumable."""
-    with reported_errors(), rig_at_hand(rig, simulated) as (config, operator), ConsoleProgress() as progress:
+    with reported_errors(SAFE), rig_at_hand(rig, simulated) as (config, operator), ConsoleProgress() as progress:
         follow = progress.follow(file.stem)
         report = run_capture(load_plan(file), config, out, operator=operator, on_event=follow)
     _tell_end(out, report, as_json)
@@ -105,7 +105,7 @@ def resume(
     as_json: JsonOption = False,
 ) -> None:
     """Take the steps of a session that are not done yet."""
-    with reported_errors(), Session.open(session) as opened:
+    with reported_errors(SAFE), Session.open(session) as opened:
         if rig is None and not simulated:
             report = _resume(opened, opened.config, operator_at(opened.config))
         else:
@@ -115,10 +115,14 @@ def resume(
 
 
 @app.command()
-def verify(session: SessionArgument) -> None:
+def verify(session: SessionArgument, as_json: JsonOption = False) -> None:
     """Read every frame of a session and compare its checksum."""
     with reported_errors(), Session.open(session) as opened:
-        tell(f"{session}: {opened.verify()} files, all whole; {len(opened.done())} of {len(opened.steps)} steps done.")
+        found = {"files": opened.verify(), "done": len(opened.done()), "total": len(opened.steps)}
+    if as_json:
+        tell(json.dumps(found))
+        return
+    tell(f"{session}: {found['files']} files, all whole; {found['done']} of {found['total']} steps done.")
 
 
 @app.command()
@@ -126,6 +130,7 @@ def process(
     session: SessionArgument,
     calibration: Annotated[Path | None, typer.Option(help="Processed calibrate session (for btf and mdf).")] = None,
     rank: Annotated[int | None, typer.Option(help="Eigenmaps of a BTF; 4 unless given.", min=1)] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Turn a session's frames into its products. What has not changed is not made again."""
     from service.pipeline import DEFAULT_RANK
@@ -133,6 +138,9 @@ def process(
 
     with reported_errors(), Session.open(session) as opened, ConsoleProgress() as progress:
         folders = run_pipeline(opened, calibration, progress, rank=rank or DEFAULT_RANK)
+    if as_json:
+        tell(json.dumps({"products": [str(folder) for folder in folders]}))
+        return
     for folder in folders:
         tell(str(folder))
 
@@ -207,17 +215,19 @@ def demo(
 
 @app.command()
 def bench(
-    name: Annotated[str, typer.Argument(help="Which benchmark; `report` draws all that were written.")] = "",
+    name: Annotated[
+        str, typer.Argument(help="Which benchmark; `report` draws all that were written, none lists what there is.")
+    ] = "",
+    to: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="File for the whole record, as JSON.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Under a minute.")] = False,
-    to: Annotated[Path | None, typer.Option("--json", help="File to write the record into.")] = None,
-    listing: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the whole record, where no FILE is named.")] = False,
     records: Annotated[Path, typer.Option(help="Folder of written records, for `report`.")] = Path("out"),
 ) -> None:
     """Measure run time and error: figures that a machine can compare."""
     from service import measuring
 
     with reported_errors():
-        for line in measuring.benchmark(name, quick=quick, to=to, listing=listing, records=records):
+        for line in measuring.benchmark(name, quick=quick, to=to, as_json=as_json, records=records):
             tell(line)
 
 

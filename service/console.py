@@ -16,6 +16,7 @@ from service.problems import EXIT_CODES, problem_of
 
 console = Console(stderr=True, highlight=False)
 INTERRUPTED = 130
+SAFE = "Interrupted: lamps and laser are off. `rig resume SESSION` goes on."
 NOTABLE = ("retake", "warning", "failed", "unconfirmed")
 EXIT_EPILOG = "Exit codes: " + "; ".join(f"{code} {meaning}" for code, meaning in EXIT_CODES.items()) + "."
 
@@ -23,12 +24,12 @@ Item = TypeVar("Item")
 
 
 @contextmanager
-def reported_errors() -> Iterator[None]:
+def reported_errors(interrupted: str = "Interrupted.") -> Iterator[None]:
     """Turn every expected error into one line and its exit code; a defect keeps its traceback."""
     try:
         yield
     except KeyboardInterrupt as interrupt:
-        console.print("Interrupted: lamps and laser are off. `rig resume SESSION` goes on.", style="yellow")
+        console.print(interrupted, style="yellow")
         raise typer.Exit(INTERRUPTED) from interrupt
     except Exception as error:
         problem = problem_of(error)

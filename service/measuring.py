@@ -14,9 +14,8 @@ from processing.hand_sweep import laser_sweep
 from processing.hdr import PixelStatus
 from processing.laser_chessboard import LaserChessboard, laser_chessboard
 from render.picture import save_image
-from rig.errors import ConfigError
 from service import bench
-from service.pictures import save_stripes
+from service.pictures import check_still, save_stripes
 
 INTRINSICS = "intrinsics.xml"
 
@@ -40,6 +39,7 @@ def measure_displacement(source: Path, out: Path) -> Iterator[str]:
 
     Raises ImageError.
     """
+    check_still(out)
     if source.is_dir():
         yield from _stripes(laser_chessboard(source), out)
     elif source.suffix.lower() == ".gif":
@@ -77,9 +77,13 @@ def _sweep(source: Path, out: Path) -> Iterator[str]:
     yield f"{cloud}: point cloud"
 
 
-def benchmark(name: str, *, quick: bool, to: Path | None, listing: bool, records: Path) -> Iterator[str]:
-    """Run, list or draw benchmarks. Raises ConfigError for a name that there is not."""
-    if listing:
+def benchmark(name: str, *, quick: bool, to: Path | None, as_json: bool, records: Path) -> Iterator[str]:
+    """Run a benchmark, draw all records (`report`), or list what there is (no name).
+
+    The record goes into the file `to`, or is told: whole as JSON, else its figures alone.
+    Raises ConfigError for a name that there is not.
+    """
+    if not name:
         yield from (f"{key:12} {meaning}" for key, meaning in bench.benchmarks().items())
         return
     if name == "report":
@@ -87,12 +91,13 @@ def benchmark(name: str, *, quick: bool, to: Path | None, listing: bool, records
         picture = records / "bench-report.png"
         yield f"{picture}: {bench.draw_report(found, picture)} points from {len(found)} records"
         return
-    if not name:
-        raise ConfigError("name a benchmark, or use --list")
-    record = json.dumps(bench.run_benchmark(name, quick=quick), indent=2)
-    if to is None:
-        yield record
-        return
-    to.parent.mkdir(parents=True, exist_ok=True)
-    to.write_text(record + "\n", encoding="utf-8")
-    yield str(to)
+    record = bench.run_benchmark(name, quick=quick)
+    whole = json.dumps(record, indent=2)
+    if to is not None:
+        to.parent.mkdir(parents=True, exist_ok=True)
+        to.write_text(whole + "\n", encoding="utf-8")
+        yield str(to)
+    elif as_json:
+        yield whole
+    else:
+        yield from (f"  {figure:34} {value:.4g}" for figure, value in record["figures"].items())

@@ -4,22 +4,27 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 import zarr
+from matplotlib.figure import Figure  # not pyplot, whose figures all threads share
 from numpy.typing import NDArray
 from PIL import Image
 
+from processing.errors import ImageError
 from processing.formats.raw import read_raw
 from processing.laser_chessboard import BoardStripe
 from processing.products import Mdf, ReflectanceMaps, StoredBtf
 from processing.radiometry import demosaic, srgb8
 
+STILL = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 BRIGHT_PERCENTILE = 99.5  # of a frame becomes white
 MOST_PANELS = 8
+
+
+def check_still(path: Path) -> None:
+    """Raises ImageError where the name is not that of a picture; before anything is computed for it."""
+    if path.suffix.lower() not in STILL:
+        raise ImageError(f"{path}: a picture is one of {', '.join(STILL)}.")
 
 
 def frame_png(path: Path) -> bytes:
@@ -32,9 +37,10 @@ def frame_png(path: Path) -> bytes:
 
 def save_panels(path: Path, panels: Sequence[tuple[str, NDArray[np.floating]]], unit: str) -> None:
     """Maps (h, w) side by side with one common scale and a colour bar; NaN is grey."""
-    values = np.concatenate([panel[np.isfinite(panel)] for _, panel in panels] or [np.zeros(1)])
+    values = np.concatenate([panel[np.isfinite(panel)] for _, panel in panels])
     low, high = np.percentile(values, (1, 99)) if values.size else (0.0, 1.0)
-    figure, axes = plt.subplots(1, len(panels), figsize=(3.6 * len(panels), 3.9), layout="constrained", squeeze=False)
+    figure = Figure(figsize=(3.6 * len(panels), 3.9), layout="constrained")
+    axes = figure.subplots(1, len(panels), squeeze=False)
     for axis, (title, panel) in zip(axes[0], panels, strict=True):
         axis.set_facecolor("0.5")
         shown = axis.imshow(panel, vmin=low, vmax=high, cmap="magma_r", interpolation="nearest")
@@ -43,21 +49,21 @@ def save_panels(path: Path, panels: Sequence[tuple[str, NDArray[np.floating]]], 
         axis.set_yticks([])
     figure.colorbar(shown, ax=axes, label=unit, shrink=0.8)
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def save_colour_panels(path: Path, panels: Sequence[tuple[str, NDArray[np.floating]]], columns: int) -> None:
     """Linear colour images (h, w, 3) side by side at one exposure (the 98th percentile of all becomes bright)."""
-    peak = np.percentile(np.concatenate([panel[np.isfinite(panel)] for _, panel in panels]), 98)
+    values = np.concatenate([panel[np.isfinite(panel)] for _, panel in panels])
+    peak = np.percentile(values, 98) if values.size else 1.0
     rows = -(-len(panels) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(2.6 * columns, 2.8 * rows), layout="constrained", squeeze=False)
+    figure = Figure(figsize=(2.6 * columns, 2.8 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat:
         axis.axis("off")
     for axis, (title, panel) in zip(axes.flat, panels, strict=False):
         axis.imshow(np.clip(np.nan_to_num(panel) / max(peak, 1e-12), 0, 1) ** (1 / 2.2), interpolation="nearest")
         axis.set_title(title, fontsize=9)
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def draw_displacements(product: Path, out: Path) -> None:
@@ -83,7 +89,8 @@ def draw_reflectance_maps(product: Path, out: Path) -> None:
 
 def save_stripes(path: Path, stripes: Sequence[BoardStripe]) -> None:
     """Laser stripes of several images in one picture, coloured by their depth."""
-    figure, axis = plt.subplots(figsize=(8, 5.4), layout="constrained")
+    figure = Figure(figsize=(8, 5.4), layout="constrained")
+    axis = figure.subplots()
     depth_m = np.concatenate([stripe.points_m[:, 2] for stripe in stripes])
     uv_px = np.concatenate([stripe.uv_px for stripe in stripes])
     shown = axis.scatter(uv_px[:, 0], uv_px[:, 1], c=depth_m, s=2, cmap="viridis_r")
@@ -91,7 +98,6 @@ def save_stripes(path: Path, stripes: Sequence[BoardStripe]) -> None:
     axis.invert_yaxis()
     figure.colorbar(shown, label="depth in m")
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def _raw(path: Path) -> NDArray[np.uint8]:

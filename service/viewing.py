@@ -16,10 +16,9 @@ from render.scene import Scene, framed, light, orbiting_light
 from render.shapes import captured_sphere, plane, sphere, torus, vase
 from render.showcase import write_showcase
 from render.srf import repeating
-from service.pictures import draw_btf, draw_displacements, draw_reflectance_maps
+from service.pictures import STILL, check_still, draw_btf, draw_displacements, draw_reflectance_maps
 
-ANIMATED = {".webp", ".gif", ".apng"}
-STILL = {".png", ".jpg", ".jpeg", ".tif", ".tiff"}
+ANIMATED = (".webp", ".gif", ".apng")
 FRAMES = 24
 MAPS = {"mdf": draw_displacements, "btf": draw_btf, "reflectance_maps": draw_reflectance_maps}
 
@@ -64,22 +63,24 @@ def draw_product(product: Path, out: Path, shape: str, light_deg: tuple[float, f
         galleries = write_showcase(load_material(product), out, size=(size, size))
         return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
     if (kind := kind_of(product)) in MAPS:
+        check_still(out)
         MAPS[kind](product, out)
         return f"{out}: the {kind} as measured"
-    if out.suffix not in ANIMATED | STILL:
+    ending = out.suffix.lower()
+    if ending not in ANIMATED + STILL:
         raise ImageError(f"{out}: a picture is .png or .jpg, a moving light .webp or .gif; no suffix means a folder.")
     material, mesh = shape_for(load_material(product), shape)
-    scene = scene_of(material, mesh, light_deg, size)
+    scene = _scene(material, mesh, light_deg, size)
     with Preview((size, size)) as preview:
-        if out.suffix in ANIMATED:
-            draw_moving_light(preview, scene, out)
+        if ending in ANIMATED:
+            _draw_moving_light(preview, scene, out)
         else:
             picture = preview.draw(scene)
             save_image(out, picture.srgb8(exposure_for([picture])))
         return f"{out} (drawn by {preview.renderer_name})"
 
 
-def scene_of(material: Material, mesh: Mesh, light_deg: tuple[float, float], size: int) -> Scene:
+def _scene(material: Material, mesh: Mesh, light_deg: tuple[float, float], size: int) -> Scene:
     """The mesh framed, seen from where its captured side or its top shows, under one light."""
     if mesh.map_from_world is not None:
         azimuth_deg, elevation_deg = 0.0, 0.0  # where the camera of the capture stood
@@ -89,7 +90,7 @@ def scene_of(material: Material, mesh: Mesh, light_deg: tuple[float, float], siz
     return Scene(mesh, material, camera, (light(radians(light_deg[0]), radians(light_deg[1])),))
 
 
-def draw_moving_light(preview: Preview, scene: Scene, out: Path) -> None:
+def _draw_moving_light(preview: Preview, scene: Scene, out: Path) -> None:
     """Animate the scene while its light goes round the vertical."""
     pictures = preview.draw_all(orbiting_light(scene, FRAMES))
     exposure = exposure_for(pictures)

@@ -23,11 +23,16 @@ def test_a_record_carries_figures_rows_machine_and_versions(tmp_path, monkeypatc
     )
     monkeypatch.setattr(bench, "FOLDER", tmp_path)
     to = tmp_path / "out" / "bench-square.json"
-    assert list(benchmark("square", quick=True, to=to, listing=False, records=tmp_path)) == [str(to)]
+    assert list(benchmark("square", quick=True, to=to, as_json=False, records=tmp_path)) == [str(to)]
     record = json.loads(to.read_text())
     assert set(record) >= {"bench", "figures", "rows", "machine", "versions"}
     assert record["figures"] == {"error": 1e-3}
-    (line,) = benchmark("report", quick=False, to=None, listing=False, records=tmp_path / "out")
+    (told,) = benchmark("square", quick=True, to=None, as_json=True, records=tmp_path)
+    assert json.loads(told) == record
+    (line,) = benchmark("square", quick=True, to=None, as_json=False, records=tmp_path)
+    assert line.split() == ["error", "0.001"]
+    assert list(benchmark("", quick=True, to=None, as_json=False, records=tmp_path)) == ["square       Squares."]
+    (line,) = benchmark("report", quick=False, to=None, as_json=False, records=tmp_path / "out")
     assert "2 points from 1 records" in line
     assert (tmp_path / "out" / "bench-report.png").stat().st_size > 5000
 

@@ -89,6 +89,8 @@ def test_a_captured_session_is_whole(captured):
     said = rig("verify", "btf", cwd=captured)
     assert said.code == 0, said.err
     assert said.out == "btf: 16 files, all whole; 8 of 8 steps done.\n"
+    told = json.loads(rig("verify", "btf", "--json", cwd=captured).out)
+    assert told == {"files": 16, "done": 8, "total": 8}
     assert len(frames_on_disk(captured / "btf")) == 16
 
 
@@ -109,7 +111,8 @@ def test_frames_become_products_and_a_picture(captured):
     assert (said.code, said.out) == (0, f"{captured}/cal/products/calibration\n"), said.err
     cameras = captured / "cal/products/calibration/cameras.json"
     made_ns = cameras.stat().st_mtime_ns
-    assert rig("process", "cal", cwd=captured).code == 0
+    again = rig("process", "cal", "--json", cwd=captured)
+    assert json.loads(again.out) == {"products": [f"{captured}/cal/products/calibration"]}
     assert cameras.stat().st_mtime_ns == made_ns  # nothing had changed, so nothing was made again
 
     said = rig("process", "btf", "--calibration", "cal", "--rank", "2", cwd=captured)

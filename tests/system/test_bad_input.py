@@ -4,6 +4,7 @@ import contextlib
 import re
 import shutil
 import subprocess
+import tomllib
 from hashlib import sha256
 
 import numpy as np
@@ -12,7 +13,7 @@ from PIL import Image
 
 from processing.products import BlinnPhong, Srf
 from rig.config import load_config
-from rig.sessions import Session, hold_rig
+from rig.sessions import Session, hold_rig, parse_plan
 from tests.command import BTF, CALIBRATE, ended, rig, running_rig, stopped, wait_until
 
 SRF = """
@@ -166,6 +167,16 @@ def test_what_is_no_session_is_told(tmp_path, command):
     assert re.search(r"session-unreadable: .*nowhere: no such session folder", said.error)
 
 
+def test_a_session_with_steps_to_take_is_not_processed(tmp_path, untouched):
+    """What came of some of its steps would look like what comes of all."""
+    with Session.create(tmp_path / "new", parse_plan(tomllib.loads(CALIBRATE)), load_config(untouched.toml)):
+        pass
+    said = rig("process", "new", cwd=tmp_path)
+    assert said.code == 4
+    assert re.search(r"wrong-state: .*4 of 4 steps are still to be taken; `rig resume", said.error)
+    assert list((tmp_path / "new" / "products").iterdir()) == []
+
+
 @pytest.mark.parametrize("damage", ["gone", "cut"])
 def test_a_missing_or_truncated_frame_stops_processing_and_nothing_else_is_lost(session, damage):
     victim = sorted(session.glob("frames/*/cam7.dng"))[1]
@@ -245,6 +256,12 @@ def test_a_picture_that_cannot_be_written_is_told(tmp_path):
     said = rig("preview", "nothing", "-o", "picture.png", cwd=tmp_path)
     assert said.code == 2
     assert "nothing: not a product; `rig process SESSION` makes" in said.error
+    (tmp_path / "mdf").mkdir()
+    (tmp_path / "mdf" / "product.json").write_text('{"kind": "mdf"}')
+    for arguments in (("preview", "mdf"), ("displacement", "srf")):
+        said = rig(*arguments, "-o", "picture.gif", cwd=tmp_path)
+        assert said.code == 2
+        assert re.search(r"unusable-image: picture\.gif: a picture is one of \.png", said.error)
 
 
 @contextlib.contextmanager

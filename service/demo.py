@@ -19,12 +19,13 @@ from service.console import ConsoleProgress
 from service.machine import machine, peak_memory_gb, versions
 from service.pipeline import process
 from service.pipeline.calibration import load_calibration
+from service.pipeline.stacks import merge, stacks
 from service.report import Measure, Report, Stage, write_report
 from service.simulation import Simulation
 
 PLANS = Path(__file__).parents[1] / "docs" / "plans"
 KINDS = ("calibrate", "srf", "btf", "mdf")
-MARK = "report.html"
+MARK = ".rig-demo"  # the folder is a demo's and may be made anew
 
 Result = TypeVar("Result")
 
@@ -84,10 +85,11 @@ def _clear(out: Path) -> None:
     if not PLANS.is_dir():
         raise ConfigError("the demo's plans are in docs/plans of a checkout; run it from one.")
     if out.exists() and any(out.iterdir()):
-        if not (out / MARK).is_file() and not (out / "simulation").is_dir():
+        if not (out / MARK).is_file():
             raise StoreError(f"{out} holds something that is not an earlier demo; name another folder with --out.")
         shutil.rmtree(out)
     out.mkdir(parents=True, exist_ok=True)
+    (out / MARK).touch()
 
 
 @contextmanager
@@ -116,6 +118,7 @@ def _stages(out: Path, captured: Captured, simulation: Simulation, watch: Stopwa
     sessions = captured.sessions
     return [
         _capture_stage(captured, watch),
+        _calibration_stage(sessions["calibrate"], watch),
         _hdr_stage(sessions["srf"], simulation, watch),
         _srf_stage(out, sessions["srf"], simulation, watch),
         _btf_stage(out, sessions, simulation, watch),
@@ -142,12 +145,24 @@ def _capture_stage(captured: Captured, watch: Stopwatch) -> Stage:
     )
 
 
+def _calibration_stage(session: Session, watch: Stopwatch) -> Stage:
+    worst_px = max(camera.rms_px for camera in load_calibration(session.folder).values())
+    return Stage(
+        "Calibration",
+        "Every camera of the arc from the ChArUco board in several poses, the first of which is the reference plane.",
+        watch.wall_s["process calibrate"],
+        None,
+        (Measure("calibration_rms_px", worst_px, "px", "corners found less predicted, the worst camera's RMS"),),
+    )
+
+
 def _hdr_stage(session: Session, simulation: Simulation, watch: Stopwatch) -> Stage:
-    errors = watch.time("truth", lambda: truth.hdr_errors(session, simulation.truth))
+    merged = watch.time("merge", lambda: [merge(stack) for stack in stacks(session.frames())])
+    errors = watch.time("truth", lambda: truth.hdr_errors(merged, simulation.truth))
     return Stage(
         "Radiance",
         "Five exposures per light merged by maximum likelihood, with a variance per pixel.",
-        watch.wall_s["process calibrate"],
+        watch.wall_s["merge"],
         None,
         (
             Measure("hdr_relative_rmse", errors.relative_rmse, "", "error over truth, root of summed squares"),

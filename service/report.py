@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import asdict, dataclass, field
+from math import isfinite
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, select_autoescape
@@ -56,6 +57,19 @@ def write_report(report: Report, folder: Path) -> tuple[Path, Path]:
     html_path, json_path = folder / "report.html", folder / "report.json"
     page = environment.get_template("report.html").render(report=report, folder=folder)
     html_path.write_text(page, encoding="utf-8")
-    content = json.dumps(asdict(report), default=lambda path: path.relative_to(folder).as_posix(), indent=2)
-    json_path.write_text(content, encoding="utf-8")
+    json_path.write_text(json.dumps(_plain(asdict(report), folder), indent=2, allow_nan=False), encoding="utf-8")
     return html_path, json_path
+
+
+def _plain(value: object, folder: Path) -> object:
+    """The value as JSON has it: paths relative to the folder, and null for a number that is none."""
+    match value:
+        case dict():
+            return {key: _plain(part, folder) for key, part in value.items()}
+        case list() | tuple():
+            return [_plain(part, folder) for part in value]
+        case float():
+            return value if isfinite(value) else None
+        case Path():
+            return value.relative_to(folder).as_posix()
+    return value

@@ -1,7 +1,7 @@
 """Errors of the demo's products against what the simulators know: for reports, never for processing."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
@@ -16,7 +16,7 @@ from processing.products import Btf, FactoredBtf, Mdf, ReflectanceMaps, Srf, sph
 from processing.products.sphere import gradient_grid
 from rig.sessions import MdfPlan, Session, SrfPlan, Step
 from service.pipeline.btf import btf_layout
-from service.pipeline.stacks import merge, stacks
+from service.pipeline.stacks import MergedStack, stacks
 from service.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -49,12 +49,11 @@ class HdrErrors:
     normalised: Distribution  # error over sigma; RMS 1 where the variance tells the truth
 
 
-def hdr_errors(session: Session, truth: Path) -> HdrErrors:
-    """Every stack of a session against the truth of its first frame's pose and light."""
+def hdr_errors(stacks_merged: Sequence[MergedStack], truth: Path) -> HdrErrors:
+    """Every merged stack against the truth of its first frame's pose and light."""
     mosaics = {line["id"]: line["radiance"] for line in _frame_lines(truth)}
     values, trues, sigmas = [], [], []
-    for stack in stacks(session.frames()):
-        merged = merge(stack)
+    for merged in stacks_merged:
         measured = np.isin(merged.radiance.status, (PixelStatus.OK, PixelStatus.DARK))
         values.append(merged.radiance.value[measured])
         trues.append(np.load(truth / mosaics[merged.unique_ids[0]])[measured])

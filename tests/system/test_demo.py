@@ -35,9 +35,13 @@ def test_the_demo_goes_from_plans_to_pictures(tmp_path):
     assert figures["hdr_relative_rmse"] < 0.02
     assert figures["displacement_completeness"] > 0.95
     assert figures["session_overhead"] < 1.2
+    measures = {measure["name"]: measure["value"] for stage in report["stages"] for measure in stage["measures"]}
+    assert measures["calibration_rms_px"] < 0.5  # the corners of markers of six pixels a cell, and no wrong one
+    assert all(measures[name] == value for name, value in figures.items() if name != "wall_s")
     assert report["machine"]["peak_memory_gb"] < 4
 
     page = (out / "report.html").read_text()
+    assert 'class="number miss"' not in page
     pictures = re.findall(r'<img src="([^"]+)"', page)
     assert len(pictures) >= 14
     for picture in pictures:
@@ -49,6 +53,8 @@ def test_the_demo_goes_from_plans_to_pictures(tmp_path):
 def test_the_demo_overwrites_nothing_but_an_earlier_demo(tmp_path):
     keep = tmp_path / "thesis.txt"
     keep.write_text("years of work")
+    (tmp_path / "report.html").write_text("a report, though not of a demo")
+    (tmp_path / "simulation").mkdir()
     done = subprocess.run([*COMMAND, "demo", "--out", str(tmp_path)], capture_output=True, text=True, check=False)
     assert done.returncode == 5
     assert "not an earlier demo" in done.stderr

@@ -23,7 +23,8 @@ def serve(config: RigConfig, sessions: Path, port: int) -> None:
         tell(f"Start page: http://{HOST}:{port}/   REST: http://{HOST}:{port}/api/v1/docs   Ctrl-C ends.")
         server = uvicorn.Server(uvicorn.Config(app, log_level="warning"))
         try:
-            with terminate_as_interrupt(), suppress(KeyboardInterrupt):  # uvicorn ends itself, then passes the signal on
+            # uvicorn ends itself, then passes the signal on.
+            with terminate_as_interrupt(), suppress(KeyboardInterrupt):
                 server.run(sockets=[listener])
         finally:
             app.state.host.close()  # which uvicorn leaves out after a second Ctrl-C

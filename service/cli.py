@@ -198,10 +198,10 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """Capture, process and draw a sphere and a brick on the simulated rig, and report error against truth."""
-    from service.demo import run_demo
+    from service.demo import demo_plans, run_demo
 
     with reported_errors(), ConsoleProgress() as progress:
-        report = run_demo(out, seed=seed, progress=progress)
+        report = run_demo(out, demo_plans(), seed=seed, progress=progress)
     if as_json:
         tell(json.dumps(report.figures))
         return
@@ -221,13 +221,14 @@ def bench(
     to: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="File for the whole record, as JSON.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Under a minute.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the whole record, where no FILE is named.")] = False,
+    listing: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
     records: Annotated[Path, typer.Option(help="Folder of written records, for `report`.")] = Path("out"),
 ) -> None:
     """Measure run time and error: figures that a machine can compare."""
     from service import measuring
 
     with reported_errors():
-        for line in measuring.benchmark(name, quick=quick, to=to, as_json=as_json, records=records):
+        for line in measuring.benchmark("" if listing else name, quick=quick, to=to, as_json=as_json, records=records):
             tell(line)
 
 

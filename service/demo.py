@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TypeVar
 
 from processing.products import Btf, FactoredBtf, ReflectanceMaps, Srf
-from rig.config import RigConfig, load_config
+from rig.config import load_config
 from rig.errors import ConfigError, StoreError
-from rig.sessions import RunReport, Session, load_plan
+from rig.sessions import Plan, RunReport, Session, load_plan
 from service import demo_pictures, truth
 from service.capture import capture
 from service.console import ConsoleProgress
@@ -53,7 +53,14 @@ class Captured:
     reports: dict[str, RunReport]
 
 
-def run_demo(out: Path, *, seed: int, progress: ConsoleProgress) -> Report:
+def demo_plans() -> dict[str, Plan]:
+    """The demo's plans by kind, in their order. Raises ConfigError outside of a checkout."""
+    if not PLANS.is_dir():
+        raise ConfigError("the demo's plans are in docs/plans of a checkout; run it from one.")
+    return {kind: load_plan(PLANS / f"{kind}.toml") for kind in KINDS}
+
+
+def run_demo(out: Path, plans: Mapping[str, Plan], *, seed: int, progress: ConsoleProgress) -> Report:
     """Everything from the simulators' start to the report in `out`, which is made anew.
 
     Raises StoreError where `out` holds something that is not an earlier demo.
@@ -63,8 +70,7 @@ def run_demo(out: Path, *, seed: int, progress: ConsoleProgress) -> Report:
     _clear(out)
     watch = Stopwatch()
     with Simulation(out / "simulation", seed=seed) as simulation:
-        config = load_config(simulation.rig_toml)
-        with _captured(out, config, simulation, progress, watch) as captured:
+        with _captured(out, plans, simulation, progress, watch) as captured:
             for kind in KINDS:
                 _process(captured.sessions, kind, progress, watch)
             stages = _stages(out, captured, simulation, watch)
@@ -82,8 +88,6 @@ INTRODUCTION = (
 
 
 def _clear(out: Path) -> None:
-    if not PLANS.is_dir():
-        raise ConfigError("the demo's plans are in docs/plans of a checkout; run it from one.")
     if out.exists() and any(out.iterdir()):
         if not (out / MARK).is_file():
             raise StoreError(f"{out} holds something that is not an earlier demo; name another folder with --out.")
@@ -94,12 +98,13 @@ def _clear(out: Path) -> None:
 
 @contextmanager
 def _captured(
-    out: Path, config: RigConfig, simulation: Simulation, progress: ConsoleProgress, watch: Stopwatch
+    out: Path, plans: Mapping[str, Plan], simulation: Simulation, progress: ConsoleProgress, watch: Stopwatch
 ) -> Iterator[Captured]:
+    config = load_config(simulation.rig_toml)
     reports, sessions = {}, {}
     try:
         for kind in KINDS:
-            run = partial(capture, load_plan(PLANS / f"{kind}.toml"), config, out / kind, operator=simulation.mount)
+            run = partial(capture, plans[kind], config, out / kind, operator=simulation.mount)
             follow = progress.follow(f"capture {kind}")
             reports[kind] = watch.time(f"capture {kind}", partial(run, on_event=follow))
             sessions[kind] = Session.open(out / kind)

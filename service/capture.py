@@ -8,7 +8,7 @@ from types import FrameType
 
 from rig.assembly import open_rig
 from rig.config import RigConfig
-from rig.sessions import Event, Operator, Plan, Runner, RunReport, Session
+from rig.sessions import Event, Operator, Plan, Runner, RunReport, Session, schedule
 
 
 def capture(
@@ -16,10 +16,12 @@ def capture(
 ) -> RunReport:
     """Create the session folder and run all of its steps.
 
-    Raises what the rig raises; whatever ends it, lamps and laser are off, and `resume` takes it up again.
+    Raises what the rig raises; whatever ends it, lamps and laser are off, and `resume` takes it up again. A plan that
+    cannot be carried out touches neither rig nor disk, and a rig that cannot be opened leaves no folder.
     """
-    with Session.create(folder, plan, config) as session:
-        return resume(session, config, operator=operator, on_event=on_event)
+    schedule(plan, config)
+    with terminate_as_interrupt(), open_rig(config) as rig, Session.create(folder, plan, config) as session:
+        return Runner(session, rig, operator, on_event).run()
 
 
 def resume(session: Session, config: RigConfig, *, operator: Operator, on_event: Callable[[Event], None]) -> RunReport:

@@ -15,6 +15,7 @@ from processing.hdr import PixelStatus
 from processing.laser_chessboard import LaserChessboard, laser_chessboard
 from render.picture import save_image
 from service import bench
+from service.files import replaced
 from service.pictures import check_still, save_stripes
 
 INTRINSICS = "intrinsics.xml"
@@ -23,15 +24,16 @@ INTRINSICS = "intrinsics.xml"
 def merge_photographs(files: Sequence[Path], out: Path) -> Iterator[str]:
     """Merge a bracket into `out` (.exr) and a PNG beside it. Raises ImageError."""
     merged = merge_files(files)
-    linear, picture = write_merged(merged, out)
+    with replaced(out) as part:
+        write_merged(merged, part)
     times = ", ".join(f"{time_s:.4g}" for time_s in merged.exposure_s)
     saturated = merged.radiance.count(PixelStatus.SATURATED) / merged.radiance.status.size
     camera = merged.camera or "an unnamed camera"
     yield f"{len(files)} exposures of {camera} ({times} s); {saturated:.2%} saturated in all of them"
     if merged.assumed_sensor:
         yield "No noise profile in the files: gain and read noise are assumed, the variance is only indicative."
-    yield f"{linear}: linear, with layers variance and status"
-    yield f"{picture}: tone-mapped"
+    yield f"{out}: linear, with layers variance and status"
+    yield f"{out.with_suffix('.png')}: tone-mapped"
 
 
 def measure_displacement(source: Path, out: Path) -> Iterator[str]:
@@ -59,22 +61,23 @@ def _stripes(found: LaserChessboard, out: Path) -> Iterator[str]:
             f"published plane: {degrees(found.published_angle_rad):.3f} deg and "
             f"{found.published_distance_m * 1e3:.3f} mm away; our sigma {degrees(found.angle_deviation_rad):.3f} deg"
         )
-    save_stripes(out, found.stripes)
+    with replaced(out) as part:
+        save_stripes(part, found.stripes)
     yield f"{out}: depth of the stripes"
 
 
 def _sweep(source: Path, out: Path) -> Iterator[str]:
     found = laser_sweep(source, source.parent / INTRINSICS)
     measured = np.isfinite(found.depth_m)
-    save_image(out, depth_picture(found.depth_m))
-    cloud = out.with_suffix(".ply")
-    write_point_cloud(cloud, found.points_m, found.picture)
+    with replaced(out) as part:
+        save_image(part, depth_picture(found.depth_m))
+        write_point_cloud(part.with_suffix(".ply"), found.points_m, found.picture)
     yield (
         f"{measured.mean():.1%} of the pixels measured; wall {found.wall_rms_m * 1e3:.2f} mm and table "
         f"{found.floor_rms_m * 1e3:.2f} mm from their planes, {degrees(found.corner_angle_rad):.2f} deg between them"
     )
     yield f"{out}: depth, near bright"
-    yield f"{cloud}: point cloud"
+    yield f"{out.with_suffix('.ply')}: point cloud"
 
 
 def benchmark(name: str, *, quick: bool, to: Path | None, as_json: bool, records: Path) -> Iterator[str]:

@@ -16,6 +16,7 @@ from render.scene import Scene, framed, light, orbiting_light
 from render.shapes import captured_sphere, plane, sphere, torus, vase
 from render.showcase import write_showcase
 from render.srf import repeating
+from service.files import replaced
 from service.pictures import STILL, check_still, draw_btf, draw_displacements, draw_reflectance_maps
 
 ANIMATED = (".webp", ".gif", ".apng")
@@ -64,19 +65,20 @@ def draw_product(product: Path, out: Path, shape: str, light_deg: tuple[float, f
         return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
     if (kind := kind_of(product)) in MAPS:
         check_still(out)
-        MAPS[kind](product, out)
+        with replaced(out) as part:
+            MAPS[kind](product, part)
         return f"{out}: the {kind} as measured"
     ending = out.suffix.lower()
     if ending not in ANIMATED + STILL:
         raise ImageError(f"{out}: a picture is .png or .jpg, a moving light .webp or .gif; no suffix means a folder.")
     material, mesh = shape_for(load_material(product), shape)
     scene = _scene(material, mesh, light_deg, size)
-    with Preview((size, size)) as preview:
+    with Preview((size, size)) as preview, replaced(out) as part:
         if ending in ANIMATED:
-            _draw_moving_light(preview, scene, out)
+            _draw_moving_light(preview, scene, part)
         else:
             picture = preview.draw(scene)
-            save_image(out, picture.srgb8(exposure_for([picture])))
+            save_image(part, picture.srgb8(exposure_for([picture])))
         return f"{out} (drawn by {preview.renderer_name})"
 
 

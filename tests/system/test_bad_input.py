@@ -128,9 +128,7 @@ def test_a_rig_toml_that_is_wrong_is_told_by_its_field(tmp_path, untouched):
     ],
     ids=["bus", "lamps", "camera"],
 )
-def test_a_port_that_cannot_be_opened_moves_nothing_and_the_session_can_be_resumed(
-    tmp_path, untouched, pattern, device, where
-):
+def test_a_port_that_cannot_be_opened_moves_nothing_and_leaves_no_session(tmp_path, untouched, pattern, device, where):
     text, count = re.subn(pattern, where, untouched.toml.read_text())
     assert count == 1
     (tmp_path / "rig.toml").write_text(text)
@@ -140,8 +138,7 @@ def test_a_port_that_cannot_be_opened_moves_nothing_and_the_session_can_be_resum
     assert said.error.startswith(f"cannot-connect: {device}: cannot ")
     assert where in said.error
     assert "rig.toml" in said.error
-    with Session.open(tmp_path / "session") as opened:
-        assert len(opened.remaining()) == len(opened.steps) == 8
+    assert not (tmp_path / "session").exists()
 
 
 def test_a_busy_rig_is_left_to_who_holds_it(tmp_path, untouched):
@@ -150,6 +147,7 @@ def test_a_busy_rig_is_left_to_who_holds_it(tmp_path, untouched):
         said = rig("capture", "plan.toml", "-o", "session", "--rig", untouched.toml, cwd=tmp_path)
     assert said.code == 4
     assert re.search(r"busy: the rig .* is in use by process \d+\. Wait for it to end, or stop it\.", said.error)
+    assert not (tmp_path / "session").exists()
 
 
 def test_a_session_folder_is_never_overwritten(captured, untouched):
@@ -236,13 +234,18 @@ def test_mixed_exposures_are_not_one_bracket(tmp_path, bracket):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_under_a_result_is_told_as_such(tmp_path, bracket):
-    """/dev/full refuses every byte as a full disk does."""
-    (tmp_path / "full.exr").symlink_to("/dev/full")
-    said = rig("merge", *bracket[:2], "-o", "full.exr", cwd=tmp_path)
-    assert said.code == 5
-    assert said.error.startswith("disk-full: ")
-    assert "full.exr" in said.error
+def test_a_full_disk_under_a_result_is_told_as_such_and_the_earlier_result_stays(tmp_path, bracket):
+    with small_disk(tmp_path / "disk", megabytes=1) as disk:
+        for name in ("full.exr", "full.png"):
+            (disk / name).write_text("an earlier result")
+        said = rig("merge", *bracket[:2], "-o", "full.exr", cwd=disk)
+        assert said.code == 5
+        assert said.error.startswith("disk-full: ")
+        assert "full.exr" in said.error
+        assert {path.name: path.read_text() for path in disk.iterdir()} == {
+            "full.exr": "an earlier result",
+            "full.png": "an earlier result",
+        }
 
 
 def test_a_picture_that_cannot_be_written_is_told(tmp_path):

@@ -1,0 +1,32 @@
+"""Result files: whole under their name, or the earlier ones as they were."""
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+PART = ".part-"
+
+
+@contextmanager
+def replaced(out: Path) -> Iterator[Path]:
+    """A path beside `out` to write to; on success what was written takes the place of `out`.
+
+    Files of the same name with other endings, written beside it, go along. After a failure nothing has changed.
+    Raises FileNotFoundError where the folder is missing.
+    """
+    if not out.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(out))
+    part = out.with_name(PART + out.name)
+    try:
+        yield part
+        for written in _parts(part):
+            written.replace(written.with_name(written.name.removeprefix(PART)))
+    finally:
+        for leftover in _parts(part):
+            leftover.unlink()
+
+
+def _parts(part: Path) -> list[Path]:
+    return [path for path in part.parent.iterdir() if path.stem == part.stem]

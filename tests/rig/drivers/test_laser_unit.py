@@ -153,6 +153,13 @@ def test_rewinding_at_the_start_moves_nothing(laser, brick):
     assert bytes([0x21, 0x81]) not in brick.executed
 
 
+def test_rewinding_ends_a_sweep_that_has_only_begun(laser, brick):
+    laser.start_sweep()
+    laser.rewind()
+    assert not brick.is_on(MOTOR)
+    assert not brick.is_on(LASER)
+
+
 def test_a_motor_that_stands_still_is_told_and_switched_off(laser, brick):
     brick.counts, brick.stuck = 300.0, True
     with pytest.raises(DeviceError, match="count stands at 300"):

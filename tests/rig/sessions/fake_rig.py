@@ -1,7 +1,7 @@
 """A rig in memory with a clock of its own: light, fast, and strict about what must never happen.
 
-It notes in `offences` every exposure during a motion or without the light that was ordered, and every use of a device
-from a second thread.
+It notes in `offences` every exposure during a motion, every axis that is sent elsewhere on its way, and every use of a
+device from a second thread.
 """
 
 import hashlib
@@ -109,6 +109,8 @@ class FakeAxis:
         if not self.homed:
             raise StateError(f"{self.name} is not homed")
         self.check(angle_rad)
+        if self.arrives_s > self.world.time_s + 1e-9:
+            self.world.offences.append(f"{self.name} was sent elsewhere on its way")
         self.arrives_s = self.world.time_s + self.move_time_s(self.target_rad, angle_rad)
         self.target_rad = angle_rad
 

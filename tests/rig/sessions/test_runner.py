@@ -173,6 +173,16 @@ def test_what_was_not_mounted_is_not_told_as_mounted(new_session):
     assert [event.text for event in session.events() if event.kind == "mount"] == ["mount: sample sphere"]
 
 
+@pytest.mark.parametrize("kind", PLANS)
+def test_the_operator_never_reaches_into_a_lit_or_moving_rig(new_session, kind):
+    session = new_session(PLANS[kind])
+    rig, world = fake_rig(CONFIG)
+    safe = []
+    Runner(session, rig, lambda instruction: safe.append(is_safe(rig, world))).run()
+    assert safe
+    assert all(safe)
+
+
 def test_an_operator_who_gives_up_ends_the_session_safely(new_session):
     session = new_session(SMALL)
     rig, world = fake_rig(CONFIG)
@@ -317,6 +327,36 @@ def test_a_failing_wire_is_tried_once_more(new_session, error):
     assert world.offences == []
 
 
+def test_a_retake_trusts_neither_light_nor_pose(new_session):
+    """Whatever broke the first attempt may have switched a lamp off or moved an axis."""
+    session = new_session(SMALL)
+    rig, world = fake_rig(CONFIG)
+    broken = []
+
+    def break_everything(name):
+        if name == "fetch front" and not broken:
+            broken.append(name)
+            world.lamps = {}
+            rig.axes["arm"].target_rad = 1.0
+            raise ReadTimeoutError("front: no answer")
+
+    world.on_command = break_everything
+    Runner(session, rig).run()
+    first, second, *_ = world.exposures
+    assert second == first
+
+
+def test_axes_that_left_for_the_next_pose_arrive_before_they_come_back(new_session):
+    """The first frame's download fails when the axes are on their way already."""
+    settings = config(cameras=SLOW)
+    session = new_session(changed("btf", lamps=["lamp0"], exposures_s=[0.1], cameras=["cam0"]), settings)
+    rig, world = fake_rig(settings)
+    world.on_command = raising(ReadTimeoutError("cam0: no answer"), 1)
+    assert Runner(session, rig).run().state is State.FINISHED
+    assert whole(session)
+    assert world.offences == []
+
+
 @pytest.mark.parametrize("error", [ReadTimeoutError("cam0: no answer"), ReplyError("cam0: device busy")])
 def test_a_dead_wire_fails_the_session(new_session, error):
     session = new_session(PLANS["btf"])
@@ -412,6 +452,50 @@ def test_what_cannot_be_made_safe_is_told(new_session):
     assert report.unconfirmed == ("arm: unconfirmed (arm: no answer)",)
     assert world.lamps == {}
     assert [event.text for event in session.events() if event.kind == "unconfirmed"] == list(report.unconfirmed)
+
+
+def test_ctrl_c_at_the_end_does_not_hide_what_could_not_be_made_safe(new_session):
+    session = new_session(SMALL)
+    rig, world = fake_rig(CONFIG)
+
+    def press_and_refuse(name):
+        if name == "lamps off" and len(world.exposures) == len(session.steps):
+            signal.raise_signal(signal.SIGINT)
+        if name == "stop arm" and world.exposures:
+            raise ReadTimeoutError("arm: no answer")
+
+    world.on_command = press_and_refuse
+    with pytest.raises(KeyboardInterrupt):
+        Runner(session, rig).run()
+    assert [e.text for e in session.events() if e.kind == "unconfirmed"] == ["arm: unconfirmed (arm: no answer)"]
+
+
+def test_ctrl_c_while_the_end_is_written_down_does_not_leave_it_out(new_session):
+    session = new_session(SMALL)
+    rig, world = fake_rig(CONFIG)
+
+    def refuse(name):
+        if name == "stop arm" and world.exposures:
+            raise ReadTimeoutError("arm: no answer")
+
+    def press(event):
+        if event.kind == "unconfirmed":
+            signal.raise_signal(signal.SIGINT)
+
+    world.on_command = refuse
+    with pytest.raises(KeyboardInterrupt):
+        Runner(session, rig, on_event=press).run()
+    assert session.events()[-1].text == "complete"
+    assert session.state is State.FINISHED
+
+
+def test_a_run_that_ended_without_a_word_is_told_by_the_next(new_session):
+    session = new_session(SMALL)
+    session.journal.enter_state(State.RUNNING, 1.0, "ready")
+    assert session.state is State.INTERRUPTED
+    assert Runner(session, fake_rig(CONFIG)[0]).run().state is State.FINISHED
+    texts = [event.text for event in session.events() if event.kind == "state"]
+    assert texts[:3] == ["ready", "the last run ended without a word", "start"]
 
 
 def test_a_rig_that_cannot_be_made_safe_does_not_start(new_session):
@@ -524,7 +608,9 @@ def test_while_paused_the_rig_is_dark_and_everything_is_on_disk(new_session):
     assert paused.wait(20)
     assert is_safe(rig, world)
     assert session.state is State.PAUSED
-    assert session.verify() == 2 * len(session.done())
+    begun = {event.step for event in session.events() if event.kind == "step"}
+    assert begun == session.done()
+    assert session.verify() == 2 * len(begun)
     with pytest.raises(StateError, match=r"paused; allowed now: resume, stop, abort"):
         runner.pause()
     runner.resume()

@@ -248,3 +248,10 @@ CALIBRATE = {
     "exposure_s": 0.1,
 }  # fmt: skip
 PLANS = {"btf": BTF, "mdf": MDF, "srf": SRF, "calibrate": CALIBRATE}
+
+
+def whole(session):
+    """Every step is done once, every frame is there once and unchanged."""
+    wanted = sum(len(step.cameras) for step in session.steps)
+    done = [event.step for event in session.events() if event.kind == "done"]
+    return session.verify() == wanted and sorted(done) == sorted(step.id for step in session.steps)

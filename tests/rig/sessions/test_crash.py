@@ -54,7 +54,7 @@ def can_mount(folder):
 def test_a_session_survives_a_full_disk(tmp_path):
     """A real file system without room, with more and less of it left when the session starts."""
     if not can_mount(tmp_path):
-        pytest.skip("this system lets no one mount a small file system; the same errors are raised in test_runner.py")
+        pytest.skip("this system lets no one mount a small file system; the same errors are raised in test_ends.py")
     command = on_small_disk(tmp_path, python("full_disk_lab", tmp_path))
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=110, check=False)
     assert ran.returncode == 0, ran.stderr + ran.stdout

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
+from rig.interrupts import postponed
 from rig.sessions import store
 from rig.sessions.checks import Shot
 from rig.sessions.journal import FrameEntry
@@ -45,18 +46,23 @@ class Writer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._queue.put(None)
+        self._hand_over(None)
         self._thread.join()
 
     def put(self, capture: Capture, shot: Shot) -> None:
         """Hand a shot over; waits while the queue is full. Raises the writer's error."""
         self._check()
-        self._queue.put((capture, shot))
+        self._hand_over((capture, shot))
 
     def drain(self) -> None:
         """Wait until everything handed over is durable. Raises the writer's error."""
         self._queue.join()
         self._check()
+
+    def _hand_over(self, job: tuple[Capture, Shot] | None) -> None:
+        # A Ctrl-C in the middle of the queue's own notification would leave the thread asleep for ever.
+        with postponed():
+            self._queue.put(job)
 
     def _check(self) -> None:
         if self._error is not None:

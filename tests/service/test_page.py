@@ -56,16 +56,19 @@ class Page:
         assert "error" not in message, message
         return message["result"]
 
+    def _told(self, expression):
+        return self.command("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+
     def evaluate(self, expression):
-        told = self.command("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        told = self._told(expression)
         assert "exceptionDetails" not in told, told
         return told["result"].get("value")
 
     def wait(self, expression):
-        """The expression's value once it is true."""
+        """The expression's value once it is true; a page that is still loading may not have what it names."""
         deadline_s = time.monotonic() + WAIT_S
-        while not (value := self.evaluate(expression)):
-            shown = self.evaluate("document.body.innerText")
+        while "exceptionDetails" in (told := self._told(expression)) or not (value := told["result"].get("value")):
+            shown = self._told("document.body.innerText")["result"].get("value")
             assert time.monotonic() < deadline_s, f"{expression} never came true; the page shows:\n{shown}"
             time.sleep(0.05)
         return value

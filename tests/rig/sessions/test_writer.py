@@ -36,7 +36,7 @@ def test_a_ctrl_c_within_the_queues_notification_does_not_put_the_thread_to_slee
             threading.Event().wait(0.001)
         sleepers.notify = interrupted_notify
         with pytest.raises(KeyboardInterrupt):
-            writer.put(Capture(step, "2026-01-01T00:00:00+00:00", 0.0, {}, {}), shot)
+            writer.put(Capture(step, "2026-01-01T00:00:00+00:00", {}, {}), shot)
         del sleepers.notify
     assert done == [step.id]
     assert not writer._thread.is_alive()

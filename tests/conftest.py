@@ -4,6 +4,7 @@ import json
 import os
 import re
 import select
+import signal
 import socket
 import subprocess
 import sys
@@ -14,6 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+
+# A suite that runs in the background may have these ignored, and so would all that it starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 ROOT = Path(__file__).parents[1]
 READY_S = 60.0

@@ -144,7 +144,7 @@ def _capture_stage(captured: Captured, watch: Stopwatch) -> Stage:
         session_s,
         (
             Measure("frames", frames, "", "frames taken"),
-            Measure("session_overhead", session_s / bound_s, "x", "session time over motion + exposure + transfer"),
+            Measure("session_overhead", session_s / bound_s, "x", "steps' time over their least, without homing"),
         ),
         demo_pictures.frames(captured.sessions),
     )

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from processing.bracket import merge_files, write_merged
-from processing.depth_picture import depth_picture, write_point_cloud
 from processing.errors import ImageError
-from processing.hand_sweep import laser_sweep
-from processing.hdr import PixelStatus
-from processing.laser_chessboard import LaserChessboard, laser_chessboard
+from processing.laser.depth_picture import depth_picture, write_point_cloud
+from processing.laser.hand_sweep import laser_sweep
+from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
+from processing.radiometry.bracket import merge_files, write_merged
+from processing.radiometry.hdr import PixelStatus
 from render.picture import save_image
 from service import bench
 from service.files import replaced

@@ -12,9 +12,10 @@ from PIL import Image
 
 from processing.errors import ImageError
 from processing.formats.raw import read_raw
-from processing.laser_chessboard import BoardStripe
+from processing.laser.laser_chessboard import BoardStripe
 from processing.products import Mdf, ReflectanceMaps, StoredBtf
-from processing.radiometry import demosaic, srgb8
+from processing.radiometry.display import srgb8
+from processing.radiometry.mosaic import demosaic
 
 STILL = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 BRIGHT_PERCENTILE = 99.5  # of a frame becomes white

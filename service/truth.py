@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.calibration import CameraModel
-from processing.hdr import PixelStatus
+from processing.cameras.calibration import CameraModel
 from processing.products import Btf, FactoredBtf, Mdf, ReflectanceMaps, Srf, sphere_normals, tangent_frames
 from processing.products.sphere import gradient_grid
+from processing.radiometry.hdr import PixelStatus
 from rig.sessions import MdfPlan, Session, SrfPlan, Step
 from service.pipeline.btf import btf_layout
 from service.pipeline.stacks import MergedStack, stacks

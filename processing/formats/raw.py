@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from processing.errors import ImageError
 from processing.formats import exif
-from processing.radiometry import Sensor
+from processing.radiometry.sensor import Sensor
 
 ASSUMED_GAIN_E_PER_DN = 1.0
 ASSUMED_READ_NOISE_DN = 2.0

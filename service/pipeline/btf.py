@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.calibration import CameraModel
+from processing.cameras.calibration import CameraModel
+from processing.cameras.rectification import WhiteFrame, rectify, reflectance, white_frame_radiance
 from processing.products import Btf, FactoredBtf, Provenance, StoredBtf
-from processing.rectification import WhiteFrame, rectify, reflectance, white_frame_radiance
 from processing.svd import factor_btf
 from rig.config import RigConfig, SampleHolder
 from rig.sessions import BtfPlan, Session

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.board import Board
-from processing.calibration import CameraModel, calibrate_cameras, read_cameras, write_cameras
+from processing.cameras.board import Board
+from processing.cameras.calibration import CameraModel, calibrate_cameras, read_cameras, write_cameras
 from processing.errors import CalibrationError
 from processing.formats.raw import read_raw
 from processing.products.provenance import write_description
-from processing.radiometry import grey_mosaic
+from processing.radiometry.mosaic import grey_mosaic
 from rig.sessions import FrameRecord, Session
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 

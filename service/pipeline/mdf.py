@@ -9,12 +9,12 @@ import numpy as np
 import zarr
 
 from processing import geometry
-from processing.calibration import CameraModel
-from processing.holder import Holder
-from processing.laser_plane import LaserMount
-from processing.mdf import Sweep, mdf_from_sweeps
+from processing.cameras.calibration import CameraModel
+from processing.laser.holder import Holder
+from processing.laser.laser_plane import LaserMount
+from processing.laser.mdf import Sweep, mdf_from_sweeps
 from processing.products import Mdf
-from processing.radiometry import Sensor
+from processing.radiometry.sensor import Sensor
 from rig.config import RigConfig
 from rig.sessions import FrameRecord, MdfPlan, Session
 from service.pipeline.calibration import camera_of, digest

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.limb import SphereImage, find_sphere
-from processing.measurements import sphere_measurements
+from processing.materials.limb import SphereImage, find_sphere
+from processing.materials.measurements import sphere_measurements
+from processing.materials.reflectance_map import SpherePhotographs, WhiteCard, card_irradiance, reflectance_maps
+from processing.materials.srf import SrfFit, fit_phong, fit_srf
 from processing.products import ReflectanceMaps
-from processing.radiometry import demosaic
-from processing.reflectance_map import SpherePhotographs, WhiteCard, card_irradiance, reflectance_maps
-from processing.srf import SrfFit, fit_phong, fit_srf
+from processing.radiometry.mosaic import demosaic
 from rig.sessions import Session, SrfPlan
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 from service.pipeline.stacks import MergedStack, Stack, lamp_distance_m, light_direction, merge, stacks

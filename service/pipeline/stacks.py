@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from processing.errors import ImageError
 from processing.formats.raw import RawImage, read_raw
-from processing.hdr import Radiance, merge_exposures
+from processing.radiometry.hdr import Radiance, merge_exposures
 from rig.config import RigConfig
 from rig.sessions import FrameRecord, Step
 

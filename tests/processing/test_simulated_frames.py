@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from processing.calibration import CameraModel
+from processing.cameras.calibration import CameraModel
+from processing.cameras.rectification import WhiteFrame, rectify, reflectance, white_frame_radiance
 from processing.formats.raw import read_raw
 from processing.geometry import rotation_z
-from processing.hdr import PixelStatus, merge_exposures
-from processing.rectification import WhiteFrame, rectify, reflectance, white_frame_radiance
+from processing.radiometry.hdr import PixelStatus, merge_exposures
 from simulators.optics import Optics
 from simulators.pose import Pose
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from processing.calibration import CameraModel
+from processing.cameras.calibration import CameraModel
 from processing.geometry import look_at, rotation_z
-from processing.holder import Holder
-from processing.laser_plane import LaserMount
-from processing.radiometry import Sensor
+from processing.laser.holder import Holder
+from processing.laser.laser_plane import LaserMount
+from processing.radiometry.sensor import Sensor
 
 HOLDER = Holder(sample_m=0.060, inner_m=0.076, outer_m=0.100, step_m=0.008, depth_m=0.004)
 SENSOR = Sensor(256.0, 4095.0, 4.0, 4.0)

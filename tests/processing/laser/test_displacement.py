@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.displacement import merge_displacements, tetrahedron_weights
-from processing.texel_range import texel_displacement
+from processing.laser.displacement import merge_displacements, tetrahedron_weights
+from processing.laser.texel_range import texel_displacement
 
 
 def stack(seed, sweeps=5, shape=(12, 14)):

@@ -1,7 +1,6 @@
 """Published laser recordings that nobody here made; skipped where they are absent."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from processing.depth_picture import depth_picture, write_point_cloud
 from processing.errors import CalibrationError, ImageError
-from processing.hand_sweep import laser_sweep, read_animation, read_intrinsics
-from processing.laser_chessboard import laser_chessboard
+from processing.laser.depth_picture import depth_picture, write_point_cloud
+from processing.laser.hand_sweep import laser_sweep, read_animation, read_intrinsics
+from processing.laser.laser_chessboard import laser_chessboard
+from tests.public_data import DATA
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 CHESSBOARD, SWEEP = DATA / "laser-chessboard", DATA / "laser-sweep"
 with_chessboard = pytest.mark.skipif(not CHESSBOARD.is_dir(), reason="shared data laser-chessboard is absent")
 with_sweep = pytest.mark.skipif(not SWEEP.is_dir(), reason="shared data laser-sweep is absent")

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing import geometry
-from processing.fan import fan_angle, fan_distance, fan_gradient, fan_source
-from processing.holder import opening, reference_region
-from processing.laser_plane import SweepStatus, fit_sweep
+from processing.laser.fan import fan_angle, fan_distance, fan_gradient, fan_source
+from processing.laser.holder import opening, reference_region
+from processing.laser.laser_plane import SweepStatus, fit_sweep
 from tests.reference.stripe_rig import HOLDER, Rig, camera_at, flat
 
 RIG = Rig(camera_at(60), flat(0.002))

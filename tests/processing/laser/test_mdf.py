@@ -5,7 +5,7 @@ import pytest
 
 from processing import geometry
 from processing.errors import ImageError
-from processing.mdf import Sweep, Weighting, mdf_from_sweeps
+from processing.laser.mdf import Sweep, Weighting, mdf_from_sweeps
 from tests.reference.stripe_rig import HOLDER, SENSOR, Rig, bump, camera_at, shoot
 
 TEXELS = 32

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from processing.errors import ImageError
-from processing.holder import opening
-from processing.laser_plane import SweepStatus
-from processing.mdf import Sweep, measure_sweep
-from processing.range_image import RangeStatus
-from processing.space_time import PeakStatus
+from processing.laser.holder import opening
+from processing.laser.laser_plane import SweepStatus
+from processing.laser.mdf import Sweep, measure_sweep
+from processing.laser.range_image import RangeStatus
+from processing.laser.space_time import PeakStatus
 from tests.reference.stripe_rig import HOLDER, SENSOR, Rig, bump, camera_at, flat, shoot, step
 
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
-from processing.peak_tracker import track_peaks
-from processing.radiometry import Sensor
-from processing.space_time import PeakStatus, PulseSettings, peak_times, typical_width
+from processing.laser.peak_tracker import track_peaks
+from processing.laser.space_time import PeakStatus, PulseSettings, peak_times, typical_width
+from processing.radiometry.sensor import Sensor
 from tests.reference import space_time as twin
 
 SENSOR = Sensor(256.0, 4095.0, 4.0, 4.0)

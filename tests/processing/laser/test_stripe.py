@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
-from processing.plane_fit import Plane, fit_plane, plane_angle
-from processing.stripe import redness, stripe_line, stripe_ridge
+from processing.laser.plane_fit import Plane, fit_plane, plane_angle
+from processing.laser.stripe import redness, stripe_line, stripe_ridge
 
 
 def painted(angle_rad, offset_px, noise=0.0, seed=0):

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
-from processing.limb import find_sphere
+from processing.materials.limb import find_sphere
 from tests.reference.sphere import arm_lights, photograph
 
 LIGHTS_DEG = (-60, -30, 30, 60)

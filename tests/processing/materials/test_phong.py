@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing import phong
 from processing.errors import ConvergenceError
-from processing.phong import (
+from processing.materials import phong
+from processing.materials.phong import (
     FitStatus,
     LobeSamples,
     average_lobes,

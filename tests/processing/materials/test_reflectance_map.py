@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
-from processing.limb import SphereImage
-from processing.products import sphere_normals
-from processing.reflectance_map import (
+from processing.materials.limb import SphereImage
+from processing.materials.reflectance_map import (
     SpherePhotographs,
     WhiteCard,
     card_irradiance,
     image_points,
     reflectance_maps,
 )
+from processing.products import sphere_normals
 from tests.reference.sphere import arm_lights, photograph
 
 CFA = np.array([[0, 1], [1, 2]], np.uint8)

@@ -4,17 +4,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
-from processing.measurements import sphere_measurements
-from processing.phong import FitStatus
-from processing.products import BlinnPhong, Btf, ReflectanceMaps, half_vectors, sphere_normals, tangent_frames
-from processing.residual import RANK_TOLERANCE, NormalEquations, fit_residual, outer_products
-from processing.srf import (
+from processing.materials.measurements import sphere_measurements
+from processing.materials.phong import FitStatus
+from processing.materials.residual import RANK_TOLERANCE, NormalEquations, fit_residual, outer_products
+from processing.materials.srf import (
     fit_phong,
     fit_phong_per_direction,
     fit_phong_to_btf,
     fit_srf,
     fit_srf_to_btf,
 )
+from processing.products import BlinnPhong, Btf, ReflectanceMaps, half_vectors, sphere_normals, tangent_frames
 from tests.reference import residual as reference
 
 LOBE = BlinnPhong(np.array([0.3, 0.2, 0.1]), np.array([0.2, 0.2, 0.3]), 40.0)

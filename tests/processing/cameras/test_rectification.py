@@ -5,12 +5,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing import _kernels, geometry
-from processing.calibration import CameraModel
+from processing import geometry
+from processing.cameras import resample_kernel
+from processing.cameras.calibration import CameraModel
+from processing.cameras.rectification import (
+    Rectified,
+    WhiteFrame,
+    WhiteRadiance,
+    rectify,
+    reflectance,
+    white_frame_radiance,
+)
 from processing.errors import ImageError
-from processing.hdr import Radiance
-from processing.radiometry import cfa_channels
-from processing.rectification import Rectified, WhiteFrame, WhiteRadiance, rectify, reflectance, white_frame_radiance
+from processing.radiometry.hdr import Radiance
+from processing.radiometry.mosaic import cfa_channels
 from tests.reference import rectification as twin
 
 quick = settings(max_examples=25, deadline=None)
@@ -76,7 +84,7 @@ def test_resampling_equals_its_numpy_twin(seed, reach, scale, shift):
     )
     corners[0, 0] = np.nan
     share = np.array([1.0, 0.25])
-    got = _kernels.resample(value, variance, corners, share, reach)
+    got = resample_kernel.resample(value, variance, corners, share, reach)
     wanted = twin.resample(value, variance, corners, share, reach)
     for one, other in zip(got, wanted, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.calibration import CameraModel
-from processing.displacement import Merged, merge_displacements, tetrahedron_weights
+from processing.cameras.calibration import CameraModel
 from processing.errors import ImageError
-from processing.holder import Holder, reference_region
-from processing.laser_plane import LaserMount, LaserSweep, SweepStatus, sweep_planes
+from processing.laser.displacement import Merged, merge_displacements, tetrahedron_weights
+from processing.laser.holder import Holder, reference_region
+from processing.laser.laser_plane import LaserMount, LaserSweep, SweepStatus, sweep_planes
+from processing.laser.range_image import RangeImage, RangeStatus, range_image
+from processing.laser.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
+from processing.laser.texel_range import texel_displacement
 from processing.products.mdf import Mdf
-from processing.radiometry import Sensor
-from processing.range_image import RangeImage, RangeStatus, range_image
-from processing.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
-from processing.texel_range import texel_displacement
+from processing.radiometry.sensor import Sensor
 
 Array = NDArray[np.float64]
 DIM = 0.03  # of the white frame's pulse: darker ones are interreflections, not the stripe

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
-from processing.phong import LobeSamples
+from processing.materials.phong import LobeSamples
 from processing.products import BlinnPhong, ReflectanceMaps, half_vectors, sphere_normals
 from processing.products.arrays import Float64
 

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from processing import _kernels, geometry
-from processing.calibration import CameraModel
+from processing import geometry
+from processing.cameras import resample_kernel
+from processing.cameras.calibration import CameraModel
 from processing.errors import ImageError
-from processing.hdr import Radiance
-from processing.radiometry import cfa_channels
+from processing.radiometry.hdr import Radiance
+from processing.radiometry.mosaic import cfa_channels
 from processing.robust import biweight, bulk_deviation
 
 Array = NDArray[np.float64]
@@ -84,7 +85,7 @@ def rectify(
     corners_px = camera.project(corners)
     # On the lattice of one colour the tents of half width two add up to these shares everywhere.
     share, reach = (np.ones(3), 1) if cfa is None else (np.bincount(np.ravel(cfa), minlength=3) / 4, 2)
-    mean, spread = _kernels.resample(value, variance, corners_px, share, reach)
+    mean, spread = resample_kernel.resample(value, variance, corners_px, share, reach)
     return Rectified(mean, spread, np.asarray(np.isfinite(mean).all(axis=-1), np.bool_), side_m)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.calibration import CameraModel
+from processing.cameras.calibration import CameraModel
 
 Array = NDArray[np.float64]
 _SAFETY_M = 0.0004  # beside half a pixel: the holder's edges are neither sharp nor exactly placed

@@ -2,7 +2,6 @@
 
 import json
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from processing import geometry
-from processing.board import Board, BoardView, find_charuco, find_chessboard, gray8
-from processing.calibration import (
+from processing.cameras.board import Board, BoardView, find_charuco, find_chessboard, gray8
+from processing.cameras.calibration import (
     CameraModel,
     calibrate_camera,
     calibrate_cameras,
@@ -22,9 +21,9 @@ from processing.calibration import (
     write_cameras,
 )
 from processing.errors import CalibrationError, ImageError
+from tests.public_data import DATA
 from tests.reference.boards import photograph_board
 
-DATA = Path(__file__).parents[2].parent / "shared" / "data"
 BOARD = Board(7, 5, 0.012, 0.009)
 SIZE = (240, 320)
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.board import BoardView
-from processing.bundle import Camera, Network
+from processing.cameras.board import BoardView
+from processing.cameras.bundle import Camera, Network
 from processing.errors import CalibrationError
 
 Array = NDArray[np.float64]

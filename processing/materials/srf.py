@@ -11,11 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.measurements import Measurements, sphere_measurements
-from processing.phong import FitStatus, LobeSamples, PhongFit, average_lobes, fit_blinn_phong
+from processing.materials.measurements import Measurements, sphere_measurements
+from processing.materials.phong import FitStatus, LobeSamples, PhongFit, average_lobes, fit_blinn_phong
+from processing.materials.residual import (
+    RANK_TOLERANCE,
+    NormalEquations,
+    ResidualFit,
+    fit_residual,
+    left_over,
+    outer_products,
+)
 from processing.products import BlinnPhong, Btf, ReflectanceMaps, Srf, half_vectors, sphere_normals, tangent_frames
 from processing.products.arrays import Float32, Float64
-from processing.residual import RANK_TOLERANCE, NormalEquations, ResidualFit, fit_residual, left_over, outer_products
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.board import BoardView
+from processing.cameras.board import BoardView
 from processing.errors import CalibrationError
 from processing.robust import bulk_deviation
 

@@ -13,9 +13,10 @@ from processing.errors import ImageError
 from processing.formats.exr import ExrImage, write_exr
 from processing.formats.photo import Photograph, read_photo
 from processing.formats.raw import RawImage, read_raw
-from processing.hdr import PixelStatus, Radiance, merge_exposures, merge_photographs
-from processing.radiometry import demosaic, tonemap, white_balance
-from processing.response import Response
+from processing.radiometry.display import tonemap
+from processing.radiometry.hdr import PixelStatus, Radiance, merge_exposures, merge_photographs
+from processing.radiometry.mosaic import demosaic, white_balance
+from processing.radiometry.response import Response
 
 RAW_SUFFIXES = frozenset(
     ".3fr .arw .cr2 .cr3 .dng .erf .fff .iiq .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .raw .rw2 .rwl .srw".split()

@@ -16,11 +16,11 @@ from PIL import Image, ImageSequence
 
 from processing import geometry
 from processing.errors import CalibrationError, ImageError
-from processing.plane_fit import Plane, fit_plane, plane_angle
-from processing.radiometry import Sensor
+from processing.laser.plane_fit import Plane, fit_plane, plane_angle
+from processing.laser.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
+from processing.laser.stripe import redness, stripe_line, stripe_ridge
+from processing.radiometry.sensor import Sensor
 from processing.robust import bulk_deviation
-from processing.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
-from processing.stripe import redness, stripe_line, stripe_ridge
 
 Array = NDArray[np.float64]
 RECTANGLE_M = (0.230, 0.130)  # inner border of the printed frames

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.calibration import CameraModel
-from processing.fan import fan_distance
-from processing.holder import Holder, opening, plane_hits
-from processing.laser_plane import LaserSweep, SweepStatus
-from processing.space_time import PeakStatus, PeakTimes
+from processing.cameras.calibration import CameraModel
+from processing.laser.fan import fan_distance
+from processing.laser.holder import Holder, opening, plane_hits
+from processing.laser.laser_plane import LaserSweep, SweepStatus
+from processing.laser.space_time import PeakStatus, PeakTimes
 
 Array = NDArray[np.float64]
 _MARGIN_M = 0.0003  # by which a point may leave the sample's box, beside three sigma

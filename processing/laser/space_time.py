@@ -14,9 +14,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from processing import pulse
-from processing.peak_tracker import Profiles, track_peaks
-from processing.radiometry import Sensor
+from processing.laser import pulse
+from processing.laser.peak_tracker import Profiles, track_peaks
+from processing.radiometry.sensor import Sensor
 
 _WIDTHS = (0.6, 1.0, 1.7, 2.8)  # starting points of the common width, frames
 _USUAL_WIDTH = 1.5  # frames; where nothing is seen, nothing depends on it

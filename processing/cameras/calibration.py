@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from processing import bundle, geometry, placement
-from processing.board import MIN_CORNERS, Board, BoardView, find_charuco
+from processing import geometry
+from processing.cameras import bundle, placement
+from processing.cameras.board import MIN_CORNERS, Board, BoardView, find_charuco
 from processing.errors import CalibrationError
 
 Array = NDArray[np.float64]

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from processing.calibration import CameraModel
-from processing.fan import Fan, fan_angle, fan_gradient, fan_source
-from processing.holder import Holder, reference_region
+from processing.cameras.calibration import CameraModel
+from processing.laser.fan import Fan, fan_angle, fan_gradient, fan_source
+from processing.laser.holder import Holder, reference_region
+from processing.laser.space_time import PeakStatus, PeakTimes
 from processing.robust import biweight, bulk_deviation
-from processing.space_time import PeakStatus, PeakTimes
 
 Array = NDArray[np.float64]
 _KNOT_FRAMES = 2.0  # follows a ripple of eight frames' period to a fiftieth of its amplitude

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from processing.errors import ImageError
-from processing.limb import SphereImage
+from processing.materials.limb import SphereImage
 from processing.products import Provenance, ReflectanceMaps, normals_of, sphere_normals
 from processing.products.arrays import Float64
 

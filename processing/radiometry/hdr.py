@@ -6,19 +6,19 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from processing import _kernels
 from processing.errors import ImageError
-from processing.radiometry import Sensor
-from processing.response import FOOT, Response, code_weight, recover_response
+from processing.radiometry import merge_kernel
+from processing.radiometry.response import FOOT, Response, code_weight, recover_response
+from processing.radiometry.sensor import Sensor
 
 
 class PixelStatus(IntEnum):
     """What a pixel of a merged image is."""
 
-    OK = _kernels.OK  # measured
-    SATURATED = _kernels.SATURATED  # saturated in every exposure: value NaN
-    DARK = _kernels.DARK  # measured, but under three standard deviations: no signal above the noise
-    MISSING = _kernels.MISSING  # no finite sample: value NaN
+    OK = merge_kernel.OK  # measured
+    SATURATED = merge_kernel.SATURATED  # saturated in every exposure: value NaN
+    DARK = merge_kernel.DARK  # measured, but under three standard deviations: no signal above the noise
+    MISSING = merge_kernel.MISSING  # no finite sample: value NaN
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def merge_exposures(raw_dn: NDArray[np.generic], exposure_s: ArrayLike, sensor: 
     """
     stack, times = _checked(raw_dn, exposure_s)
     numbers = (sensor.black_dn, sensor.white_dn, sensor.gain_e_per_dn, sensor.dark_variance_e2)
-    return Radiance(*_kernels.merge_exposures(stack, times, *numbers))
+    return Radiance(*merge_kernel.merge_exposures(stack, times, *numbers))
 
 
 def _checked(raw_dn: NDArray[np.generic], exposure_s: ArrayLike) -> tuple[NDArray[np.generic], NDArray[np.float64]]:

@@ -1,19 +1,18 @@
 """Files of one bracket to one file."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
-from processing.bracket import merge_files, write_merged
 from processing.errors import ImageError
 from processing.formats.exr import read_exr
-from processing.hdr import PixelStatus
+from processing.radiometry.bracket import merge_files, write_merged
+from processing.radiometry.hdr import PixelStatus
+from tests.public_data import DATA
 from tests.reference.dng import dng
 
-ROOM = Path(__file__).parents[2].parent / "shared" / "data" / "hdr-room"
+ROOM = DATA / "hdr-room"
 PROFILE = (1 / (4 * 3839), (1 / 3839) ** 2)
 TIMES_S = (0.5, 0.05, 0.005)
 

@@ -17,9 +17,9 @@ from scipy.io.matlab import MatReadError
 
 from processing import geometry
 from processing.errors import ImageError
-from processing.plane_fit import Plane, fit_plane, plane_angle
+from processing.laser.plane_fit import Plane, fit_plane, plane_angle
+from processing.laser.stripe import redness, stripe_line, stripe_ridge
 from processing.robust import biweight, bulk_deviation
-from processing.stripe import redness, stripe_line, stripe_ridge
 
 Array = NDArray[np.float64]
 _SIGMA_PX = 4.0

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from processing.errors import ImageError
-from processing.hdr import PixelStatus, merge_exposures
-from processing.radiometry import Sensor
+from processing.radiometry.hdr import PixelStatus, merge_exposures
+from processing.radiometry.sensor import Sensor
 from tests.reference import hdr as twin
 
 SENSOR = Sensor(black_dn=256, white_dn=4095, gain_e_per_dn=4, read_noise_e=4)

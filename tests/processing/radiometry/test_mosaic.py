@@ -6,7 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
-from processing.radiometry import Sensor, cfa_channels, demosaic, grey_mosaic, srgb8, tonemap, white_balance
+from processing.radiometry.display import srgb8, tonemap
+from processing.radiometry.mosaic import cfa_channels, demosaic, grey_mosaic, white_balance
+from processing.radiometry.sensor import Sensor
 
 quick = settings(max_examples=30, deadline=None)
 PATTERNS = [[[0, 1], [1, 2]], [[2, 1], [1, 0]], [[1, 0], [2, 1]], [[1, 2], [0, 1]]]

@@ -1,0 +1,1 @@
+"""Where cameras stand and how they see: boards, calibration, adjustment, rectification."""

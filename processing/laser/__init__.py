@@ -1,0 +1,1 @@
+"""Laser range: from stripes over time or space to displacement and mesostructure."""

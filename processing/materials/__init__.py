@@ -1,0 +1,1 @@
+"""From reflectance to materials: spheres, reflectance maps, lobes and residuals."""

@@ -1,0 +1,1 @@
+"""From counts to radiance: sensors, bracketed exposures, response curves, mosaics, display."""

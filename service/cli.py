@@ -128,7 +128,9 @@ def verify(session: SessionArgument, as_json: JsonOption = False) -> None:
 @app.command()
 def process(
     session: SessionArgument,
-    calibration: Annotated[Path | None, typer.Option(help="Processed calibrate session (for btf and mdf).")] = None,
+    calibration: Annotated[
+        list[Path] | None, typer.Option(help="Processed session that measured the rig; may be given several times.")
+    ] = None,
     rank: Annotated[int | None, typer.Option(help="Eigenmaps of a BTF; 4 unless given.", min=1)] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -137,7 +139,7 @@ def process(
     from service.pipeline import process as run_pipeline
 
     with reported_errors(), Session.open(session) as opened, ConsoleProgress() as progress:
-        folders = run_pipeline(opened, calibration, progress, rank=rank or DEFAULT_RANK)
+        folders = run_pipeline(opened, calibration or [], progress, rank=rank or DEFAULT_RANK)
     if as_json:
         tell(json.dumps({"products": [str(folder) for folder in folders]}))
         return

@@ -18,7 +18,7 @@ from service.capture import capture
 from service.console import ConsoleProgress
 from service.machine import machine, peak_memory_gb, versions
 from service.pipeline import process
-from service.pipeline.calibration import load_calibration
+from service.pipeline.calibrations import load_calibrations
 from service.pipeline.stacks import merge, stacks
 from service.report import Measure, Report, Stage, write_report
 from service.simulation import Simulation
@@ -115,8 +115,8 @@ def _captured(
 
 
 def _process(sessions: dict[str, Session], kind: str, progress: ConsoleProgress, watch: Stopwatch) -> None:
-    calibration = sessions["calibrate"].folder
-    watch.time(f"process {kind}", lambda: process(sessions[kind], calibration, progress))
+    calibrated = [sessions["calibrate"].folder]
+    watch.time(f"process {kind}", lambda: process(sessions[kind], calibrated, progress))
 
 
 def _stages(out: Path, captured: Captured, simulation: Simulation, watch: Stopwatch) -> list[Stage]:
@@ -151,7 +151,7 @@ def _capture_stage(captured: Captured, watch: Stopwatch) -> Stage:
 
 
 def _calibration_stage(session: Session, watch: Stopwatch) -> Stage:
-    worst_px = max(camera.rms_px for camera in load_calibration(session.folder).values())
+    worst_px = max(camera.rms_px for camera in load_calibrations([session.folder]).cameras.values())
     return Stage(
         "Calibration",
         "Every camera of the arc from the ChArUco board in several poses, the first of which is the reference plane.",
@@ -196,8 +196,8 @@ def _srf_stage(out: Path, session: Session, simulation: Simulation, watch: Stopw
 
 
 def _btf_stage(out: Path, sessions: dict[str, Session], simulation: Simulation, watch: Stopwatch) -> Stage:
-    cameras = load_calibration(sessions["calibrate"].folder)
-    errors = watch.time("truth", lambda: truth.btf_errors(sessions["btf"], cameras, simulation))
+    calibrations = load_calibrations([sessions["calibrate"].folder])
+    errors = watch.time("truth", lambda: truth.btf_errors(sessions["btf"], calibrations, simulation))
     btf = Btf.load(sessions["btf"].products / "btf")
     return Stage(
         "Bidirectional texture function",

@@ -1,7 +1,7 @@
 """Errors of the demo's products against what the simulators know: for reports, never for processing."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.cameras.calibration import CameraModel
 from processing.products import Btf, FactoredBtf, Mdf, ReflectanceMaps, Srf, sphere_normals, tangent_frames
 from processing.products.sphere import gradient_grid
 from processing.radiometry.hdr import PixelStatus
 from rig.sessions import MdfPlan, Session, SrfPlan, Step
 from service.pipeline.btf import btf_layout
+from service.pipeline.calibrations import Calibrations
 from service.pipeline.stacks import MergedStack, stacks
 from service.simulation import Simulation
 
@@ -119,12 +119,12 @@ class BtfErrors:
     truth: NDArray[np.float32]
 
 
-def btf_errors(session: Session, cameras: Mapping[str, CameraModel], simulation: Simulation) -> BtfErrors:
+def btf_errors(session: Session, calibrations: Calibrations, simulation: Simulation) -> BtfErrors:
     """Compare with the true reflectance of every light and view pair."""
     btf, factored = Btf.load(session.products / "btf"), FactoredBtf.load(session.products / "factored_btf")
     gathered = stacks(session.frames())
     truth = np.full_like(btf.reflectance, np.nan)
-    for stack, place in zip(gathered, btf_layout(gathered, session.config, cameras).places, strict=True):
+    for stack, place in zip(gathered, btf_layout(gathered, session.config, calibrations).places, strict=True):
         reply = simulation.request(
             "truth", what="btf", camera=stack.camera, lamp=stack.step.lamps[0], texels=truth.shape[2],
             at=_at(stack.step),

@@ -4,12 +4,14 @@ Every product is a folder under `products/` that names the frames, the calibrati
 A product whose inputs have not changed is not made again.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from rig.errors import StateError
 from rig.sessions import BtfPlan, CalibratePlan, MdfPlan, Session, SrfPlan
 from service.pipeline.btf import make_btf
-from service.pipeline.calibration import load_calibration, make_calibration
+from service.pipeline.calibration import make_calibration
+from service.pipeline.calibrations import load_calibrations
 from service.pipeline.inputs import Progress
 from service.pipeline.mdf import make_mdf
 from service.pipeline.srf import make_srf
@@ -17,22 +19,25 @@ from service.pipeline.srf import make_srf
 DEFAULT_RANK = 4  # of the factored BTF: the paper's number of eigenmaps
 
 
-def process(session: Session, calibration: Path | None, progress: Progress, *, rank: int = DEFAULT_RANK) -> list[Path]:
+def process(
+    session: Session, calibrated: Sequence[Path], progress: Progress, *, rank: int = DEFAULT_RANK
+) -> list[Path]:
     """Make every product of a session; returns their folders.
 
-    `calibration` is the folder of a processed `calibrate` session, needed for `btf` and `mdf`.
+    `calibrated` are folders of processed sessions that measured the rig; `btf` and `mdf` need a `calibrate` session.
     Raises StateError where steps are still to be taken: a product of some of them would look like one of all.
     Raises MissingFrameError, ImageError, CalibrationError; products that exist stay as they were.
     """
     if (left := len(session.remaining())) > 0:
         of_all = f"{left} of {len(session.steps)} steps"
         raise StateError(f"{session.folder}: {of_all} are still to be taken; `rig resume {session.folder}` takes them.")
+    calibrations = load_calibrations(calibrated)
     match session.plan:
         case CalibratePlan():
             return [make_calibration(session, progress)]
         case SrfPlan():
             return make_srf(session, progress)
         case BtfPlan():
-            return make_btf(session, load_calibration(calibration), progress, rank)
+            return make_btf(session, calibrations, progress, rank)
         case MdfPlan():
-            return [make_mdf(session, load_calibration(calibration), progress)]
+            return [make_mdf(session, calibrations, progress)]

@@ -1,6 +1,6 @@
 """The BTF of a flat sample, and its factors, from a `btf` session."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,21 +14,21 @@ from processing.products import Btf, FactoredBtf, Provenance, StoredBtf
 from processing.svd import factor_btf
 from rig.config import RigConfig, SampleHolder
 from rig.sessions import BtfPlan, Session
-from service.pipeline.calibration import camera_of, digest
+from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 from service.pipeline.stacks import Stack, light_direction, merge, stacks
 
 Array = NDArray[np.float64]
 
 
-def make_btf(session: Session, cameras: Mapping[str, CameraModel], progress: Progress, rank: int) -> list[Path]:
+def make_btf(session: Session, calibrations: Calibrations, progress: Progress, rank: int) -> list[Path]:
     """The BTF on the sample's texels, and its factors."""
     assert isinstance(session.plan, BtfPlan)
     folder, factored = session.products / "btf", session.products / "factored_btf"
     records = session.frames()
-    inputs = fingerprint(records, {"texels": session.plan.texels, "cameras": digest(cameras)})
+    inputs = fingerprint(records, {"texels": session.plan.texels, "calibrations": calibrations.digest()})
     if not is_current(folder, inputs):
-        _btf(session, cameras, progress, provenance(session, inputs)).save(folder)
+        _btf(session, calibrations, progress, provenance(session, inputs)).save(folder)
     if not is_current(factored, inputs | {"rank": rank}):
         source = provenance(session, inputs | {"rank": rank})
         factors = factor_btf(StoredBtf.open(folder), rank).btf
@@ -45,25 +45,25 @@ class BtfLayout:
     places: tuple[tuple[int, int], ...]
 
 
-def btf_layout(gathered: Sequence[Stack], config: RigConfig, cameras: Mapping[str, CameraModel]) -> BtfLayout:
+def btf_layout(gathered: Sequence[Stack], config: RigConfig, calibrations: Calibrations) -> BtfLayout:
     """Which light and view each stack is, lights and views in the order in which they first appear."""
     lights, views = _Directions(), _Directions()
     places = []
     for stack in gathered:
         rig_from_sample = geometry.rotation_z(stack.step.axes_rad["turntable"])
-        towards = geometry.rotate(geometry.invert(rig_from_sample), camera_of(cameras, stack.camera).centre_m)
+        towards = geometry.rotate(geometry.invert(rig_from_sample), calibrations.camera(stack.camera).centre_m)
         places.append((lights.index(light_direction(config, stack.step)), views.index(towards)))
     return BtfLayout(np.stack(lights.found), np.stack(views.found), tuple(places))
 
 
-def _btf(session: Session, cameras: Mapping[str, CameraModel], progress: Progress, source: Provenance) -> Btf:
+def _btf(session: Session, calibrations: Calibrations, progress: Progress, source: Provenance) -> Btf:
     assert isinstance(session.plan, BtfPlan)
     gathered, texels = stacks(session.frames()), session.plan.texels
-    layout = btf_layout(gathered, session.config, cameras)
+    layout = btf_layout(gathered, session.config, calibrations)
     shape = (len(layout.light_directions), len(layout.view_directions), texels, texels, 3)
     btf = np.full(shape, np.nan, np.float32)
     for number, stack in enumerate(progress.track(gathered, "merging and rectifying")):
-        camera = camera_of(cameras, stack.camera)
+        camera = calibrations.camera(stack.camera)
         btf[layout.places[number]] = _image(stack, camera, session.config.holder, texels)
     return Btf(btf, layout.light_directions, layout.view_directions, source)
 

@@ -1,38 +1,23 @@
-"""Camera models from a `calibrate` session, and their way to the sessions that need them."""
+"""Camera models from a `calibrate` session."""
 
-import hashlib
-import json
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from processing.cameras.board import Board
-from processing.cameras.calibration import CameraModel, calibrate_cameras, read_cameras, write_cameras
-from processing.errors import CalibrationError
+from processing.cameras.calibration import calibrate_cameras, write_cameras
 from processing.formats.raw import read_raw
 from processing.products.provenance import write_description
 from processing.radiometry.mosaic import grey_mosaic
 from rig.sessions import FrameRecord, Session
+from service.pipeline.calibrations import CALIBRATION, CAMERAS
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
-
-CAMERAS = "cameras.json"
-
-
-def load_calibration(session_folder: Path | None) -> dict[str, CameraModel]:
-    """Camera models of a processed `calibrate` session. Raises CalibrationError that says how to get one."""
-    if session_folder is None:
-        raise CalibrationError("this session needs calibrated cameras: name a calibrate session with --calibration.")
-    path = session_folder / "products" / "calibration" / CAMERAS
-    if not path.is_file():
-        raise CalibrationError(f"{session_folder}: not calibrated yet; run `rig process {session_folder}` first.")
-    return read_cameras(path)
 
 
 def make_calibration(session: Session, progress: Progress) -> Path:
     """Camera models from the ChArUco frames of a `calibrate` session."""
-    folder = session.products / "calibration"
+    folder = session.products / CALIBRATION
     records = session.frames()
     if is_current(folder, inputs := fingerprint(records, {})):
         return folder
@@ -49,19 +34,6 @@ def make_calibration(session: Session, progress: Progress) -> Path:
     content = {"file": CAMERAS, "rms_px": {name: camera.rms_px for name, camera in cameras.items()}}
     write_description(folder, "calibration", content, provenance(session, inputs))
     return folder
-
-
-def camera_of(cameras: Mapping[str, CameraModel], name: str) -> CameraModel:
-    """The model of one camera. Raises CalibrationError where it was not calibrated."""
-    if name not in cameras:
-        raise CalibrationError(f"{name} is not calibrated; the calibration has: {', '.join(cameras)}.")
-    return cameras[name]
-
-
-def digest(cameras: Mapping[str, CameraModel]) -> str:
-    """Identity of a calibration: the digest of all of its numbers."""
-    text = json.dumps({name: camera.to_json() for name, camera in cameras.items()}, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _grey(record: FrameRecord) -> NDArray[np.float32]:

@@ -37,4 +37,4 @@ def is_current(folder: Path, inputs: dict[str, object]) -> bool:
 
 def provenance(session: Session, inputs: dict[str, object]) -> Provenance:
     """Where a product of this session comes from."""
-    return Provenance((session.id,), str(inputs.get("cameras", "")), inputs)
+    return Provenance((session.id,), str(inputs.get("calibrations", "")), inputs)

@@ -18,11 +18,11 @@ def process_session(
     host: Host,
     jobs: JobList,
     response: Response,
-    calibration: Annotated[str | None, Body(embed=True)] = None,
+    calibrations: Annotated[list[str] | None, Body(embed=True)] = None,
 ) -> dict[str, Any]:
-    """Make the session's products; `calibration` is the id of the session that calibrated the cameras."""
+    """Make the session's products; `calibrations` are the ids of the sessions that measured the rig."""
     folder = host.folder_of(session_id)
-    calibrated = None if calibration is None else host.folder_of(calibration)
+    calibrated = [host.folder_of(name) for name in calibrations or []]
 
     def work(progress: Job) -> None:
         with Session.open(folder) as session:

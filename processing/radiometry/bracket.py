@@ -14,8 +14,9 @@ from processing.formats.exr import ExrImage, write_exr
 from processing.formats.photo import Photograph, read_photo
 from processing.formats.raw import RawImage, read_raw
 from processing.radiometry.display import tonemap
-from processing.radiometry.hdr import PixelStatus, Radiance, merge_exposures, merge_photographs
+from processing.radiometry.hdr import PixelStatus, Radiance, merge_exposures
 from processing.radiometry.mosaic import demosaic, white_balance
+from processing.radiometry.photographs import merge_photographs
 from processing.radiometry.response import Response
 
 RAW_SUFFIXES = frozenset(

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
-from processing.radiometry.hdr import PixelStatus, merge_photographs
+from processing.radiometry.hdr import PixelStatus
+from processing.radiometry.photographs import merge_photographs
 from processing.radiometry.response import recover_response
 
 TIMES_S = np.geomspace(1 / 500, 2, 6)

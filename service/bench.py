@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,8 @@ from matplotlib.figure import Figure
 from rig.errors import ConfigError
 from service.machine import machine, versions
 
-FOLDER = Path(__file__).parents[1] / "tests" / "benchmarks"
+CHECKOUT = Path(__file__).parents[1]
+FOLDER = CHECKOUT / "tests" / "benchmarks"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +78,9 @@ def draw_report(records: Sequence[Path], picture: Path) -> int:
 
 
 def _load(path: Path) -> ModuleType:
+    # Benchmarks use the tests' forward models, and those of the simulators, by their names in the checkout.
+    if str(CHECKOUT) not in sys.path:
+        sys.path.insert(0, str(CHECKOUT))
     specification = importlib.util.spec_from_file_location(f"benchmark_{path.stem}", path)
     assert specification is not None
     assert specification.loader is not None

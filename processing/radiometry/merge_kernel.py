@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-OK, SATURATED, DARK, MISSING = 0, 1, 2, 3
+OK, SATURATED, DARK, MISSING, HOT = 0, 1, 2, 3, 4
 ITERATIONS = 20
 TOLERANCE = 1e-6  # squared step in units of the variance: a thousandth of a standard deviation
 
@@ -79,32 +79,35 @@ def _maximum_likelihood(
 def merge_exposures(
     raw_dn: NDArray[np.generic],
     exposure_s: NDArray[np.float64],
-    black_dn: float,
-    white_dn: float,
-    gain: float,
-    dark_variance: float,
+    sensor: tuple[float, float, float, float],
+    offset_dn: NDArray[np.float32] | None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-    """Radiance, variance and status of a stack (k, h, w), each frame read once; see `hdr.merge_exposures`."""
+    """Radiance, variance and status of a stack (k, h, w), each frame read once; see `hdr.merge_exposures`.
+
+    `sensor` = (black_dn, white_dn, gain in e-/DN, dark variance in e-^2).
+    """
+    black_dn, white_dn, gain, dark_variance = sensor
     frames, height, width = raw_dn.shape
     value = np.empty((height, width), np.float32)
     variance = np.empty((height, width), np.float32)
     status = np.empty((height, width), np.uint8)
-    sensor = ((white_dn - 0.5 - black_dn) * gain, dark_variance)
     for y in prange(height):
         sample_e = np.empty(frames)
         sample_s = np.empty(frames)
         for x in range(width):
             used, saturated_from = 0, frames
+            black = black_dn if offset_dn is None else black_dn + offset_dn[y, x]
+            limits = ((white_dn - 0.5 - black) * gain, dark_variance)
             for i in range(frames):
                 dn = float(raw_dn[i, y, x])
                 if dn >= white_dn:  # also positive infinity
                     saturated_from -= 1
                     sample_s[saturated_from] = exposure_s[i]
                 elif math.isfinite(dn):
-                    sample_e[used] = (dn - black_dn) * gain
+                    sample_e[used] = (dn - black) * gain
                     sample_s[used] = exposure_s[i]
                     used += 1
             value[y, x], variance[y, x], status[y, x] = _maximum_likelihood(
-                sample_e, sample_s, used, saturated_from, sensor
+                sample_e, sample_s, used, saturated_from, limits
             )
     return value, variance, status

@@ -1,8 +1,9 @@
-"""The noise model of a camera's sensor."""
+"""The noise model of a camera's sensor, and how its pixels differ from it."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from processing.errors import ImageError
 
@@ -47,3 +48,30 @@ class Sensor:
     def saturation_e(self) -> float:
         """Electrons above which a sample is rounded to the white level or clipped to it."""
         return (self.white_dn - 0.5 - self.black_dn) * self.gain_e_per_dn
+
+
+@dataclass(frozen=True, slots=True)
+class PixelCorrection:
+    """How each pixel (h, w) of one camera differs from its `Sensor`.
+
+    A pixel under radiance r (electrons per second of the nominal pixel) collects flat r + dark electrons per second
+    over a black level of black + offset. The variances, where known, are those of the maps themselves; they enter
+    the variance of a merged image, in which they do not average out over frames. Hot pixels are not measured at all.
+    Raises ImageError where the shapes differ or a pixel that is not hot has no positive, finite response.
+    """
+
+    offset_dn: NDArray[np.float32]
+    dark_e_s: NDArray[np.float32]
+    flat: NDArray[np.float32]
+    hot: NDArray[np.bool_]
+    dark_variance: NDArray[np.float32] | None = None
+    flat_variance: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        maps = (self.offset_dn, self.dark_e_s, self.flat, self.hot, self.dark_variance, self.flat_variance)
+        shapes = [m.shape for m in maps if m is not None]
+        if len(shapes[0]) != 2 or len(set(shapes)) > 1:
+            raise ImageError(f"maps of one camera's pixels have shapes {shapes}; all must be one (h, w).")
+        sound = (self.flat > 0) & np.isfinite(self.flat) & np.isfinite(self.offset_dn) & np.isfinite(self.dark_e_s)
+        if not (sound | self.hot).all():
+            raise ImageError("offset, dark and flat must be finite and the flat positive wherever a pixel is not hot.")

@@ -13,25 +13,25 @@ from numpy.typing import NDArray
 from processing import geometry
 from processing.cameras import bundle, placement
 from processing.cameras.board import MIN_CORNERS, Board, BoardView, find_charuco
+from processing.cameras.lens import LENSES, Lens, Pinhole
 from processing.errors import CalibrationError
 
 Array = NDArray[np.float64]
 MIN_VIEWS = 3  # two poses determine five intrinsics at best; the third checks them
 MAX_FOCAL_DEVIATION = 0.05  # relative; above it the boards are too parallel to tell focal length from distance
-_SCHEMA = "camera-models/1"
+_SCHEMA = "camera-models/2"
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """One camera: `matrix` (3, 3), `distortion` (5,) k1 k2 p1 p2 k3, `rig_from_camera` (4, 4), `size` (rows, columns).
+    """One camera: its `lens`, `rig_from_camera` (4, 4), `size` (rows, columns).
 
-    `rms_px` is the root mean square distance between found and predicted corners. `deviation` (15,) are one-sigma
-    uncertainties of fx fy cx cy (px), k1 k2 p1 p2 k3, and of the turn (rad) and shift (m) of `camera_from_rig`, in the
-    camera's axes; NaN where unknown.
+    `rms_px` is the root mean square distance between found and predicted corners. `deviation` (p + 6,) are one-sigma
+    uncertainties of the lens's p parameters (fx fy cx cy in px, then the distortion) and of the turn (rad) and shift
+    (m) of `camera_from_rig`, in the camera's axes; NaN where unknown.
     """
 
-    matrix: Array
-    distortion: Array
+    lens: Lens
     rig_from_camera: Array
     size: tuple[int, int]
     rms_px: float = float("nan")
@@ -43,12 +43,12 @@ class CameraModel:
         return self.rig_from_camera[:3, 3]
 
     def project(self, points_m: NDArray[np.floating]) -> Array:
-        """Image points (..., 2) of rig-frame points (..., 3); NaN behind the camera."""
-        return geometry.project(points_m, self.matrix, self.distortion, self.rig_from_camera)
+        """Image points (..., 2) of rig-frame points (..., 3); NaN where the lens forms no image of them."""
+        return self.lens.project(geometry.transform_points(geometry.invert(self.rig_from_camera), points_m))
 
     def rays(self, uv_px: NDArray[np.floating]) -> Array:
-        """Unit rig-frame directions (..., 3) from the centre through image points (..., 2)."""
-        return geometry.pixel_rays(uv_px, self.matrix, self.distortion, self.rig_from_camera)
+        """Unit rig-frame directions (..., 3) from the centre through image points (..., 2); NaN out of the image."""
+        return geometry.rotate(self.rig_from_camera, self.lens.rays(uv_px))
 
     def pixel_rays(self) -> Array:
         """Unit rig-frame directions (h, w, 3) through all pixel centres."""
@@ -58,8 +58,9 @@ class CameraModel:
     def to_json(self) -> dict[str, Any]:
         """Numbers and lists."""
         return {
-            "matrix": self.matrix.tolist(),
-            "distortion": self.distortion.tolist(),
+            "lens": self.lens.name,
+            "matrix": self.lens.matrix.tolist(),
+            "distortion": self.lens.distortion.tolist(),
             "rig_from_camera": self.rig_from_camera.tolist(),
             "size": list(self.size),
             "rms_px": None if np.isnan(self.rms_px) else self.rms_px,
@@ -70,16 +71,19 @@ class CameraModel:
     def from_json(cls, data: Mapping[str, Any]) -> "CameraModel":
         """Inverse of `to_json`. Raises CalibrationError where a field is missing or misshapen."""
         try:
+            kind = LENSES[data["lens"]]
             matrix, distortion, pose = (
                 np.asarray(data[key], np.float64).reshape(shape)
-                for key, shape in (("matrix", (3, 3)), ("distortion", (5,)), ("rig_from_camera", (4, 4)))
-            )
+                for key, shape in (
+                    ("matrix", (3, 3)), ("distortion", kind.distortion_sigma.shape), ("rig_from_camera", (4, 4))
+                )
+            )  # fmt: skip
             rows, columns = data["size"]
             rms_px = np.nan if data["rms_px"] is None else float(data["rms_px"])
             deviation = None if data["deviation"] is None else np.asarray(data["deviation"], np.float64)
         except (KeyError, TypeError, ValueError) as error:
             raise CalibrationError(f"not a camera model: {error!r}") from error
-        return cls(matrix, distortion, pose, (int(rows), int(columns)), rms_px, deviation)
+        return cls(kind(matrix, distortion), pose, (int(rows), int(columns)), rms_px, deviation)
 
 
 def write_cameras(cameras: Mapping[str, CameraModel], path: Path) -> None:
@@ -144,7 +148,7 @@ def calibrate_views(
         _check_determined(name, camera.matrix, camera.distortion, camera.deviation)
     return {
         name: CameraModel(
-            c.matrix, c.distortion, geometry.invert(c.camera_from_rig), sizes[name], c.rms_px, c.deviation
+            Pinhole(c.matrix, c.distortion), geometry.invert(c.camera_from_rig), sizes[name], c.rms_px, c.deviation
         )
         for name, c in adjusted.items()
     }

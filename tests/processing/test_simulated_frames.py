@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from processing.cameras.calibration import CameraModel
+from processing.cameras.lens import Pinhole
 from processing.cameras.rectification import WhiteFrame, rectify, reflectance, white_frame_radiance
 from processing.formats.raw import read_raw
 from processing.geometry import rotation_z
@@ -41,8 +42,7 @@ def test_merged_frames_are_the_truth_within_their_own_variance(bracket):
 def test_a_white_plate_has_its_albedo(bracket):
     _, device, merged, cfa = bracket
     camera = CameraModel(
-        device.matrix,
-        np.array([*device.distortion, 0, 0, 0]),
+        Pinhole(device.matrix, np.array([*device.distortion, 0, 0, 0])),
         device.rig_from_camera,
         (device.height_px, device.width_px),
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from processing.cameras.calibration import CameraModel
+from processing.cameras.lens import Pinhole
 from processing.geometry import look_at, rotation_z
 from processing.laser.holder import Holder
 from processing.laser.laser_plane import LaserMount
@@ -24,7 +25,7 @@ def camera_at(elevation_deg: float, scale: float = 1.0) -> CameraModel:
     e = np.radians(elevation_deg)
     matrix = np.array([[1000.0 * scale, 0, 79.5 * scale], [0, 1000.0 * scale, 63.5 * scale], [0, 0, 1]])
     pose = look_at((np.cos(e), 0.0, np.sin(e)), (0.0, 0.0, 0.0))
-    return CameraModel(matrix, np.array([-0.1, 0.02, 0, 0, 0]), pose, (int(128 * scale), int(160 * scale)))
+    return CameraModel(Pinhole(matrix, np.array([-0.1, 0.02, 0, 0, 0])), pose, (int(128 * scale), int(160 * scale)))
 
 
 def flat(depth_m: float) -> Callable:

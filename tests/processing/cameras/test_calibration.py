@@ -20,6 +20,7 @@ from processing.cameras.calibration import (
     read_cameras,
     write_cameras,
 )
+from processing.cameras.lens import Pinhole
 from processing.errors import CalibrationError, ImageError
 from tests.public_data import DATA
 from tests.reference.boards import photograph_board
@@ -35,7 +36,7 @@ def camera_at(elevation_deg, rng):
     pose = geometry.look_at(position, rng.normal(0, 2e-3, 3))
     focal, centre = 2000 * rng.uniform(0.99, 1.01), rng.uniform((155, 115), (164, 124))
     matrix = np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]])
-    return CameraModel(matrix, np.array([-0.1, 0, 0, 0, 0]), pose, SIZE)
+    return CameraModel(Pinhole(matrix, np.array([-0.1, 0, 0, 0, 0])), pose, SIZE)
 
 
 def board_poses(count, rng):
@@ -68,11 +69,11 @@ SIZES = {f"cam{i}": SIZE for i in range(4)}
 
 def normalised_errors(true, found):
     """Errors of fx fy cx cy, k1 k2 p1 p2 k3, turn and shift of camera_from_rig in units of the deviations claimed."""
-    inside = (found.matrix - true.matrix)[[0, 1, 0, 1], [0, 1, 2, 2]]
+    inside = (found.lens.matrix - true.lens.matrix)[[0, 1, 0, 1], [0, 1, 2, 2]]
     poses = [geometry.invert(camera.rig_from_camera) for camera in (found, true)]
     turn = Rotation.from_matrix(poses[0][:3, :3] @ poses[1][:3, :3].T).as_rotvec()
     shift = poses[0][:3, 3] - poses[1][:3, 3]
-    return np.concatenate([inside, found.distortion - true.distortion, turn, shift]) / found.deviation
+    return np.concatenate([inside, found.lens.distortion - true.lens.distortion, turn, shift]) / found.deviation
 
 
 def test_exact_corners_give_what_they_were_made_with():
@@ -82,7 +83,7 @@ def test_exact_corners_give_what_they_were_made_with():
     sample = geometry.texel_grid(9, 0.06) - [0, 0, 0.002]
     for name, camera in cameras.items():
         assert found[name].rms_px < 0.02
-        np.testing.assert_allclose(found[name].matrix, camera.matrix, atol=12)
+        np.testing.assert_allclose(found[name].lens.matrix, camera.lens.matrix, atol=12)
         np.testing.assert_allclose(found[name].project(sample), camera.project(sample), atol=0.03)
 
 
@@ -218,15 +219,18 @@ def test_camera_models_survive_json(tmp_path):
     write_cameras({**found, "nominal": cameras["cam0"]}, path)
     again = read_cameras(path)
     for name, camera in found.items():
-        for field in ("matrix", "distortion", "rig_from_camera", "deviation"):
+        for field in ("rig_from_camera", "deviation"):
             np.testing.assert_array_equal(getattr(again[name], field), getattr(camera, field))
+        np.testing.assert_array_equal(again[name].lens.matrix, camera.lens.matrix)
+        np.testing.assert_array_equal(again[name].lens.distortion, camera.lens.distortion)
+        assert again[name].lens.name == camera.lens.name
         assert (again[name].size, again[name].rms_px) == (camera.size, camera.rms_px)
     assert again["nominal"].deviation is None
     assert np.isnan(again["nominal"].rms_px)
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{}", "[]", '{"schema": "other/1"}', '{"schema": "camera-models/1", "cameras": {"a": {}}}']
+    "text", ["", "{}", "[]", '{"schema": "other/1"}', '{"schema": "camera-models/2", "cameras": {"a": {}}}']
 )
 def test_what_is_no_calibration_is_named(tmp_path, text):
     path = tmp_path / "cameras.json"
@@ -250,7 +254,7 @@ def test_public_chessboards():
     camera = calibrate_camera(views, (480, 640))
     assert sum(len(v.uv_px) > 0 for v in views) == 13
     assert camera.rms_px < 0.195
-    assert camera.matrix[0, 0] == pytest.approx(532.8, abs=1.5)  # three sigma of this set
+    assert camera.lens.matrix[0, 0] == pytest.approx(532.8, abs=1.5)  # three sigma of this set
 
 
 @pytest.mark.skipif(not (DATA / "calib-bouguet").is_dir(), reason="the public calibration example is not here")
@@ -261,4 +265,4 @@ def test_public_calibration_example():
     camera = calibrate_camera(views, (480, 640))
     assert sum(len(v.uv_px) > 0 for v in views) == 20
     assert camera.rms_px < 0.2155
-    assert camera.matrix[0, 0] == pytest.approx(657.4, abs=0.7)  # both sets' three sigma
+    assert camera.lens.matrix[0, 0] == pytest.approx(657.4, abs=0.7)  # both sets' three sigma

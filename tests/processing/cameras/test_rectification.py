@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from processing import geometry
 from processing.cameras import resample_kernel
 from processing.cameras.calibration import CameraModel
+from processing.cameras.lens import Pinhole
 from processing.cameras.rectification import (
     Rectified,
     WhiteFrame,
@@ -32,7 +33,7 @@ FRAME = WhiteFrame(opening_m=0.060, outer_m=0.076)
 def camera_at(elevation_deg):
     e = np.radians(elevation_deg)
     pose = geometry.look_at(np.array([np.cos(e), 0, np.sin(e)]), np.zeros(3))
-    return CameraModel(MATRIX, DISTORTION, pose, SIZE)
+    return CameraModel(Pinhole(MATRIX, DISTORTION), pose, SIZE)
 
 
 def photograph(camera, rig_from_sample, radiance_at):

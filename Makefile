@@ -3,9 +3,9 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
-# Headless OpenGL for the preview; the independent clients and the browser of the tests.
+# Headless OpenGL for the preview; the independent clients, the browser and the rival programs of tests and benchmarks.
 SYSTEM := libegl1 libgl1-mesa-dri $(if $(shell $(PYTHON) -c "import ensurepip" 2>&1),$(PYTHON)-venv)
-PEERS := gphoto2 nqc chromium
+PEERS := gphoto2 nqc chromium pfstools
 
 .PHONY: setup system peers demo test test-long check bench serve clean
 
@@ -39,9 +39,11 @@ test: check peers
 test-long: setup
 	$(BIN)/python -m pytest -m long
 
-bench: setup
-	mkdir -p $(OUT)
-	$(BIN)/rig bench demo --json $(OUT)/bench-demo.json
+# Every benchmark in its short form, and the picture of all.
+bench: setup peers
+	for name in $(basename $(notdir $(wildcard tests/benchmarks/*.py))); do \
+		$(BIN)/rig bench $$name $(OUT)/bench-$$name.json --quick || exit 1; done
+	$(BIN)/rig bench report --records $(OUT)
 
 serve: setup
 	$(BIN)/rig serve --simulated

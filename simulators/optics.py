@@ -32,7 +32,7 @@ from simulators.light import (
 from simulators.pose import Pose
 from simulators.recent import Recent
 from simulators.scene import Floats, Hits
-from simulators.sensor import Sensor
+from simulators.sensor import Sensor, Unit
 from simulators.studio import Studio
 from simulators.truth import Argument, Truth
 
@@ -41,6 +41,8 @@ SPECKLE = 0.03  # contrast
 BLUR_PX = 0.5  # standard deviation of the lens and the sensor's low-pass filter; the laser is taken as sharp
 VIEW_BYTES, MOSAIC_BYTES = 256 << 20, 64 << 20
 ISO, F_NUMBER, PIXEL_PITCH_M = 100, 8.0, 6e-6
+CAP, LIGHTBOX = "cap", "lightbox"  # before every lens: no light at all, or an even diffuse field
+LIGHTBOX_RADIANCE = 0.9 / np.pi  # as white that faces a lamp
 
 # XYZ to linear sRGB primaries under D65 (IEC 61966-2-1), which the sensor's channels follow up to its white balance.
 SRGB_FROM_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
@@ -79,17 +81,20 @@ class Optics:
 
     def __init__(self, seed: int, size: str, truth_dir: Path) -> None:
         self._studio = Studio(seed, size)
-        self._sensor = Sensor()
         self._views: Recent[View] = Recent(VIEW_BYTES, lambda view: view.hits.nbytes)
         self._mosaics: Recent[Floats] = Recent(MOSAIC_BYTES, lambda mosaic: mosaic.nbytes)
         self._stripes: Recent[Stripe] = Recent(VIEW_BYTES, lambda stripe: stripe.nbytes)
-        self._vignettes: dict[str, Floats] = {}
+        self._responses: dict[str, Floats] = {}
         self._truth = Truth(truth_dir, self._studio, self.rate)
 
     @property
     def layout(self) -> Layout:
         """Where everything stands."""
         return self._studio.layout
+
+    def sensor(self, camera: str) -> Unit:
+        """The camera's own sensor."""
+        return self._studio.sensor(camera)
 
     def photograph(
         self, camera: str, pose: Pose, exposure_s: float, *, serial: str, frame_key: Key, time_s: float
@@ -100,7 +105,7 @@ class Optics:
         """
         key = (self._studio.seed, serial, *frame_key)
         rate = self.rate(camera, pose) + self.laser_rate(camera, pose)
-        counts = self._sensor.expose(rate, exposure_s, key)
+        counts = self.sensor(camera).expose(rate, exposure_s, key)
         unique_id = hashlib.blake2b(repr((key, exposure_s)).encode(), digest_size=16).hexdigest()
         self._truth.note_frame(unique_id, camera, pose, exposure_s=exposure_s, time_s=time_s)
         return encode_dng(counts, self._raw_file(camera, serial, exposure_s, time_s, unique_id))
@@ -110,7 +115,12 @@ class Optics:
         return self._truth.tell(what, pose, **arguments)
 
     def rate(self, camera: str, pose: Pose) -> Floats:
-        """Noise-free mosaic (h, w) in electrons per second, all but the laser: dark current, stray light, lamps."""
+        """Noise-free mosaic (h, w) in electrons per second, all but the laser: dark current, stray light, lamps.
+
+        As this camera's pixels count: vignetting and each pixel's own response are inside.
+        """
+        if pose.sample in (CAP, LIGHTBOX):
+            return self._covered_rate(camera, lit=pose.sample == LIGHTBOX)
         rate = self._dark_rate(camera, pose)
         for name, level in pose.lamps:
             rate = rate + np.float32(level) * self._lamp_rate(camera, pose, name)
@@ -120,7 +130,7 @@ class Optics:
         """The laser's part of the mosaic (h, w), electrons per second, mean over the exposure's sweep."""
         device = self.layout.cameras[camera]
         rate = np.zeros(device.height_px * device.width_px, np.float32)
-        if pose.laser_on and pose.laser_sweep is not None:
+        if pose.laser_on and pose.laser_sweep is not None and pose.sample not in (CAP, LIGHTBOX):
             stripe = self._stripe(camera, pose)
             low, high = sorted(pose.laser_sweep)
             margin = 6 * stripe.widths
@@ -129,12 +139,21 @@ class Optics:
             rate[stripe.pixel[near]] = stripe.rate_e_s[near] * profile
         return rate.reshape(device.height_px, device.width_px)
 
+    def _covered_rate(self, camera: str, *, lit: bool) -> Floats:
+        """What a capped lens, or one before the light box, leaves (h, w)."""
+
+        def make() -> Floats:
+            field = np.full((*self._shape(camera), 3), LIGHTBOX_RADIANCE if lit else 0.0, np.float32)
+            return self.sensor(camera).dark_e_s + self._filtered(camera, field)
+
+        return self._mosaics.get((camera, LIGHTBOX if lit else CAP), make)
+
     def _dark_rate(self, camera: str, pose: Pose) -> Floats:
         """Dark current and the stray light of the room (h, w)."""
 
         def make() -> Floats:
             view = self._view(camera, pose)
-            dark = self._sensor.dark_current(self._shape(camera), (self._studio.seed, camera, "dark"))
+            dark = self.sensor(camera).dark_e_s
             return dark + self._mosaic(camera, view, view.hits.material.albedo * np.float32(AMBIENT / np.pi))
 
         return self._mosaics.get((*self._view_key(camera, pose), "dark"), make)
@@ -154,10 +173,13 @@ class Optics:
         """Electron rates (h, w) of the hits' radiance (n, 3)."""
         image = np.zeros((*self._shape(camera), 3), np.float32)
         gather(light, view.hits.ray, view.per_pixel, image)
-        image = np.asarray(cv2.GaussianBlur(image, (5, 5), BLUR_PX), np.float32)
+        return self._filtered(camera, np.asarray(cv2.GaussianBlur(image, (5, 5), BLUR_PX), np.float32))
+
+    def _filtered(self, camera: str, image: Floats) -> Floats:
+        """Electron rates (h, w) of an image's radiance (h, w, 3) behind lens and filters."""
         mosaic = np.empty(image.shape[:2], np.float32)
         through_filters(image, CHANNELS * ELECTRONS_PER_RADIANCE, mosaic)
-        return mosaic * self._vignette(camera)
+        return mosaic * self._response(camera)
 
     def _stripe(self, camera: str, pose: Pose) -> Stripe:
         source = self.layout.laser.source(pose.light_arc_rad, pose.laser_elevation_rad)
@@ -175,7 +197,7 @@ class Optics:
         red *= np.linalg.norm(points - source, axis=1) / laser.distance_m
         pixel = view.hits.ray
         row, col = np.divmod(pixel, self.layout.cameras[camera].width_px)
-        gains = (ELECTRONS_PER_RADIANCE * LASER_CHANNELS)[row % 2 + col % 2] * self._vignette(camera).ravel()[pixel]
+        gains = (ELECTRONS_PER_RADIANCE * LASER_CHANNELS)[row % 2 + col % 2] * self._response(camera).ravel()[pixel]
         speckle = 1 + SPECKLE * generator((self._studio.seed, *map(str, key))).standard_normal(len(pixel))
         across = np.hypot((points[:, :2] - source[:2]) @ _azimuth(pose.light_arc_rad), points[:, 2] - source[2])
         angles = stripe_angles(points, source, pose.light_arc_rad)
@@ -198,10 +220,12 @@ class Optics:
         place = tuple(np.round(self._studio.rig_from_scene(pose), 9).ravel().tolist())
         return camera, pose.sample, place
 
-    def _vignette(self, camera: str) -> Floats:
-        if camera not in self._vignettes:
-            self._vignettes[camera] = vignette(self.layout.cameras[camera])
-        return self._vignettes[camera]
+    def _response(self, camera: str) -> Floats:
+        """Share of the light (h, w) that each pixel counts: the lens's vignetting times the pixel's own response."""
+        if camera not in self._responses:
+            shares = vignette(self.layout.cameras[camera]) * self.sensor(camera).response
+            self._responses[camera] = shares.astype(np.float32)
+        return self._responses[camera]
 
     def _shape(self, camera: str) -> tuple[int, int]:
         device = self.layout.cameras[camera]
@@ -210,12 +234,13 @@ class Optics:
     def _raw_file(self, camera: str, serial: str, exposure_s: float, time_s: float, unique_id: str) -> RawFile:
         device = self.layout.cameras[camera]
         neutral = (float(CHANNELS[0]), float(CHANNELS[1]), float(CHANNELS[2]))
+        model = Sensor()  # a file states the model's noise, not the unit's
         return RawFile(
             serial=serial,
             model=device.model,
-            black_dn=self._sensor.black_dn,
-            white_dn=self._sensor.white_dn,
-            noise_profile=self._sensor.noise_profile(),
+            black_dn=model.black_dn,
+            white_dn=model.white_dn,
+            noise_profile=model.noise_profile(),
             color_matrix=CHANNELS[:, None] * SRGB_FROM_XYZ,
             neutral=neutral,
             exposure_s=exposure_s,

@@ -13,6 +13,7 @@ from simulators.scene_board import BoardScene
 from simulators.scene_holder import HolderScene
 from simulators.scene_relief import brick_relief, flat_relief
 from simulators.scene_sphere import SphereScene
+from simulators.sensor import Sensor, Unit, build_unit
 
 FLOOR_ALBEDO = 0.03  # of the empty opening's bottom
 
@@ -32,6 +33,15 @@ class Studio:
     def __init__(self, seed: int, size: str) -> None:
         self.seed = seed
         self.layout: Layout = build_layout(seed, size)
+        self._sensors: dict[str, Unit] = {}
+
+    def sensor(self, camera: str) -> Unit:
+        """The camera's own sensor; it belongs to the seed and the serial number."""
+        if camera not in self._sensors:
+            device = self.layout.cameras[camera]
+            key = (self.seed, device.serial, "sensor")
+            self._sensors[camera] = build_unit(Sensor(), (device.height_px, device.width_px), key)
+        return self._sensors[camera]
 
     def scene(self, sample: str) -> Scene:
         """The scene of a sample. Raises ValueError where there is none of this name."""

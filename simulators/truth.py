@@ -4,6 +4,7 @@ import hashlib
 import inspect
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from math import degrees, radians
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from simulators.layout import Array, CameraLayout
-from simulators.lens import project, rays, sample_points
+from simulators.lens import project, rays, sample_points, vignette
 from simulators.pose import Pose
 from simulators.scene import Floats, Hits
 from simulators.scene_sphere import SphereScene
@@ -58,7 +59,8 @@ class Truth:
     def tell(self, what: str, pose: Pose, **arguments: Argument) -> dict[str, Any]:
         """Write one kind of truth at a pose; returns {"path": ...} and what else the kind's own method names.
 
-        `what`: displacement, points, radiance, cameras, lamps, laser, board, srf, btf. Raises ValueError for another.
+        `what`: displacement, points, radiance, cameras, lamps, laser, board, srf, btf, sensor.
+        Raises ValueError for another.
         """
         tellers: dict[str, Callable[..., dict[str, Any]]] = {
             "displacement": self.displacement,
@@ -70,6 +72,7 @@ class Truth:
             "board": self.board,
             "srf": self.srf,
             "btf": self.btf,
+            "sensor": self.sensor,
         }
         if what not in tellers:
             raise ValueError(f"no truth named {what!r}: one of {', '.join(tellers)}")
@@ -128,6 +131,23 @@ class Truth:
             for name, camera in self._studio.layout.cameras.items()
         }
         return {"path": self._write("cameras", None, record), "cameras": record}
+
+    def sensor(self, pose: Pose, camera: str) -> dict[str, Any]:
+        """True numbers of a camera's own sensor, and its maps (h, w).
+
+        "offset_path": above the black level, dn; "dark_path": dark current, e-/s; "response_path": the pixels' own
+        response; "flat_path": that times the lens's vignetting.
+        """
+        device, unit = self._camera(camera), self._studio.sensor(camera)
+        record = {"serial": device.serial, **asdict(unit.sensor), "hot_e_s": list(unit.sensor.hot_e_s)}
+        return {
+            "path": self._write(f"sensor-{camera}", None, record),
+            "sensor": record,
+            "offset_path": self._save("sensor-offset", None, camera, unit.offset_dn),
+            "dark_path": self._save("sensor-dark", None, camera, unit.dark_e_s),
+            "response_path": self._save("sensor-response", None, camera, unit.response),
+            "flat_path": self._save("sensor-flat", None, camera, unit.response * vignette(device)),
+        }
 
     def lamps(self, pose: Pose) -> dict[str, Any]:
         """True position (m, rig frame) of every lamp in this pose."""

@@ -9,6 +9,7 @@ from rig.sessions.plan import (
     Card,
     MdfPlan,
     Plan,
+    SensorPlan,
     SrfPlan,
     load_plan,
     parse_plan,
@@ -16,7 +17,7 @@ from rig.sessions.plan import (
     plan_schema,
     plan_sha256,
 )
-from rig.sessions.planner import Schedule, Skip, expand, schedule
+from rig.sessions.planner import CAP, LIGHT_BOX, Schedule, Skip, expand, schedule
 from rig.sessions.progress import Event
 from rig.sessions.runner import Operator, Runner, RunReport
 from rig.sessions.session import FrameRecord, Session
@@ -24,8 +25,8 @@ from rig.sessions.states import ACTIVE, TRANSITIONS, Action, State, allowed
 from rig.sessions.step import Step, describe
 
 __all__ = [
-    "ACTIVE", "TRANSITIONS", "Action", "BtfPlan", "CalibratePlan", "Card", "Event", "Forecast", "FrameRecord",
-    "JournalEvent", "MdfPlan", "Operator", "Plan", "RunReport", "Runner", "Schedule", "Session", "Skip", "SrfPlan",
-    "State", "Step", "allowed", "describe", "expand", "forecast", "hold_rig", "load_plan", "parse_plan", "plan_data",
-    "plan_schema", "plan_sha256", "schedule",
+    "ACTIVE", "CAP", "LIGHT_BOX", "TRANSITIONS", "Action", "BtfPlan", "CalibratePlan", "Card", "Event", "Forecast",
+    "FrameRecord", "JournalEvent", "MdfPlan", "Operator", "Plan", "RunReport", "Runner", "Schedule", "SensorPlan",
+    "Session", "Skip", "SrfPlan", "State", "Step", "allowed", "describe", "expand", "forecast", "hold_rig", "load_plan",
+    "parse_plan", "plan_data", "plan_schema", "plan_sha256", "schedule",
 ]  # fmt: skip

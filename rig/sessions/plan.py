@@ -120,7 +120,18 @@ class CalibratePlan(_Model):
     exposure_s: Exposure
 
 
-Plan = SrfPlan | BtfPlan | MdfPlan | CalibratePlan
+class SensorPlan(_Model):
+    """Dark frames under the lens cap and flat frames before a light box, all lamps off: what measures the sensors."""
+
+    kind: Literal["sensor"]
+    cameras: Names
+    dark_exposures_s: Exposures
+    flat_exposures_s: Exposures
+    repeats: int = Field(strict=True, ge=2, le=100)
+
+
+Plan = SrfPlan | BtfPlan | MdfPlan | CalibratePlan | SensorPlan
+KINDS = ("srf", "btf", "mdf", "calibrate", "sensor")
 _PLAN: TypeAdapter[Plan] = TypeAdapter(Annotated[Plan, Field(discriminator="kind")])
 
 
@@ -167,9 +178,8 @@ def canonical_json(data: object) -> str:
 
 def _first_problem(error: ValidationError) -> str:
     first = error.errors()[0]
-    kinds = ("srf", "btf", "mdf", "calibrate")
     path = [str(part) for part in first["loc"]]
-    where = ".".join(path[1:] if path and path[0] in kinds else path)
+    where = ".".join(path[1:] if path and path[0] in KINDS else path)
     more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
     field = f"field {where}: " if where else ""
     return f"{field}{first['msg']} (got {shown(first['input'])}){more}"

@@ -8,12 +8,13 @@ from math import ceil
 from rig.config import LampConfig, LaserConfig, RigConfig
 from rig.errors import InterlockError, PlanError, UnknownDeviceError
 from rig.sessions.order import ordered
-from rig.sessions.plan import EXPOSURE_STEP_S, BtfPlan, CalibratePlan, MdfPlan, Plan, SrfPlan
+from rig.sessions.plan import EXPOSURE_STEP_S, BtfPlan, CalibratePlan, MdfPlan, Plan, SensorPlan, SrfPlan
 from rig.sessions.reach import reachable_deg, standby_deg
 from rig.sessions.step import Mount, Step, step_id, to_rad
 
 FRONT_BLOCKED_DEG = 5.0  # the 50 mm sphere at 1.1 m fills +-2.6 deg of the front camera; the rest is the lamp's housing
 SWEEP_ID = "sweep"
+CAP, LIGHT_BOX = "cap", "lightbox"  # what a plan of kind sensor has mounted before every lens
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,8 @@ def schedule(plan: Plan, config: RigConfig) -> Schedule:
             steps = list(_mdf(plan, layout))
         case CalibratePlan():
             steps = list(_calibrate(plan, layout))
+        case SensorPlan():
+            steps = list(_sensor(plan, layout))
     skipped = tuple(sorted(set(layout.skipped), key=lambda skip: (skip.what, skip.reason)))
     _check_identity(steps, skipped)
     return Schedule(ordered(steps, config), skipped)
@@ -162,6 +165,15 @@ def _calibrate(plan: CalibratePlan, layout: _Layout) -> Iterator[Step]:
         yield from pose.photographs(plan.lamp, (plan.exposure_s,))
 
 
+def _sensor(plan: SensorPlan, layout: _Layout) -> Iterator[Step]:
+    cameras = layout.cameras(plan.cameras, flat_sample=False)
+    axes_deg = layout.axes_deg({})
+    for before_lens, exposures_s in ((CAP, plan.dark_exposures_s), (LIGHT_BOX, plan.flat_exposures_s)):
+        pose = _Pose({"sample": before_lens}, axes_deg, (), cameras)
+        for repeat in range(plan.repeats):
+            yield from pose.unlit(f"{before_lens}{repeat:02d}", exposures_s)
+
+
 @dataclass(frozen=True, slots=True)
 class _Pose:
     """What stays the same while lamps and exposures change; `named` are the axes that the plan speaks of."""
@@ -176,6 +188,10 @@ class _Pose:
             yield Step(
                 self._id(lamp, exposure_s), self._axes_rad(), (lamp,), exposure_s, self.cameras, mount=self.mount
             )
+
+    def unlit(self, name: str, exposures_s: Iterable[float]) -> Iterator[Step]:
+        for exposure_s in map(_ticks, exposures_s):
+            yield Step(self._id(name, exposure_s), self._axes_rad(), (), exposure_s, self.cameras, mount=self.mount)
 
     def sweep(self, exposure_s: float, frames: int, interval_s: float) -> Step:
         exposure_s = _ticks(exposure_s)

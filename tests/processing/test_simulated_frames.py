@@ -1,5 +1,7 @@
 """Merging, rectification and reflectance on frames of the simulated rig, against its noise-free truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from processing.geometry import rotation_z
 from processing.radiometry.hdr import PixelStatus, merge_exposures
 from simulators.optics import Optics
 from simulators.pose import Pose
+from tests.reference.sensor import linear_dn
 
 EXPOSURES_S = (0.02, 0.2, 1.0)
 TURN_RAD = np.pi / 2
@@ -19,14 +22,17 @@ WHITE = Pose("white", 0, TURN_RAD, np.radians(70), 0.0, (("lamp4", 1.0),), np.ra
 
 @pytest.fixture(scope="module")
 def bracket(tmp_path_factory):
-    """Optics, layout of a camera at 50 deg, and its merged bracket of a white plate under a lamp."""
+    """Optics, layout of a camera at 50 deg, and its bracket of a white plate, merged with its sensor's true numbers."""
     optics = Optics(1, "small", tmp_path_factory.mktemp("truth"))
     device = optics.layout.cameras["cam3"]
     frames = [
         read_raw(optics.photograph("cam3", WHITE, t, serial=device.serial, frame_key=("white", i), time_s=float(i)))
         for i, t in enumerate(EXPOSURES_S)
     ]
-    merged = merge_exposures(np.stack([f.mosaic for f in frames]), [f.exposure_s for f in frames], frames[0].sensor)
+    unit, nominal = optics.sensor("cam3"), frames[0].sensor
+    counts = [np.where(f.mosaic < 4095, linear_dn(f.mosaic, unit) + 256, np.inf) for f in frames]
+    true = replace(nominal, gain_e_per_dn=unit.sensor.gain_e_per_dn, read_noise_e=unit.sensor.read_noise_e)
+    merged = merge_exposures(np.stack(counts), [f.exposure_s for f in frames], true)
     return optics, device, merged, frames[0].cfa
 
 

@@ -247,7 +247,11 @@ CALIBRATE = {
     "kind": "calibrate", "board_poses": 3, "lamp": "lamp1", "light_arc_deg": 60, "cameras": ["cam0", "cam1"],
     "exposure_s": 0.1,
 }  # fmt: skip
-PLANS = {"btf": BTF, "mdf": MDF, "srf": SRF, "calibrate": CALIBRATE}
+SENSOR = {
+    "kind": "sensor", "cameras": ["cam0", "front"], "dark_exposures_s": [0.01, 0.2], "flat_exposures_s": [0.05, 0.1],
+    "repeats": 2,
+}  # fmt: skip
+PLANS = {"btf": BTF, "mdf": MDF, "srf": SRF, "calibrate": CALIBRATE, "sensor": SENSOR}
 
 
 def whole(session):

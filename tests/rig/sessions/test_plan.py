@@ -53,6 +53,7 @@ def test_the_hash_does_not_depend_on_the_order_of_fields(order):
         ("mdf", "frame_rate_hz", 11.0),
         ("srf", "camera", "cam0"),
         ("calibrate", "board_poses", 4),
+        ("sensor", "repeats", 3),
     ],
 )
 def test_the_hash_tells_plans_apart(kind, field, value):
@@ -87,6 +88,7 @@ BAD = {
     "fraction of a texel": (changed("btf", texels=1.5), "texels"),
     "too many texels": (changed("btf", texels=10**6), "texels"),
     "too few board poses": (changed("calibrate", board_poses=2), "board_poses"),
+    "one frame has no pair": (changed("sensor", repeats=1), "repeats"),
     "exposure longer than the interval": (changed("mdf", exposure_s=0.5), "exposure_s"),
     "no card": ({k: v for k, v in PLANS["srf"].items() if k != "card"}, "card"),
     "card of wrong size": (changed("srf", card={**PLANS["srf"]["card"], "width_mm": -1}), "card.width_mm"),

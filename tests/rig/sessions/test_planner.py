@@ -186,9 +186,19 @@ def test_a_sweep_is_recorded_from_end_to_end():
         assert step.lamps == ()
 
 
+def test_a_sensor_is_measured_without_lamps_and_every_repeat_is_a_step():
+    steps = steps_of(PLANS["sensor"])
+    assert [step.mount["sample"] for step in steps] == ["cap"] * 4 + ["lightbox"] * 4  # mounted twice, not per frame
+    assert not any(step.lamps or step.sweep for step in steps)
+    assert all(step.cameras == ("cam0", "front") for step in steps)
+    assert [step.id for step in steps[:2]] == ["cap00_0.2000s", "cap01_0.2000s"]
+    assert all(-12 > degrees(step.axes_rad["light_arc"]) or degrees(step.axes_rad["light_arc"]) > 12 for step in steps)
+
+
 @pytest.mark.parametrize(
     ("data", "error", "says"),
     [
+        (changed("sensor", cameras=["cam9"]), UnknownDeviceError, "cam9"),
         (changed("btf", cameras=["cam9"]), UnknownDeviceError, "cam0, cam1, front"),
         (changed("btf", lamps=["sun"]), UnknownDeviceError, "led, lamp0, lamp1"),
         (changed("srf", lamp="sun"), UnknownDeviceError, "sun"),
@@ -257,6 +267,7 @@ def test_examples_use_only_what_their_comments_count(path):
         "btf": lambda: len(plan.turntable_deg) * len(plan.light_azimuth_deg) * len(plan.lamps) * len(plan.exposures_s),
         "mdf": lambda: len(plan.turntable_deg) * len(plan.laser_azimuth_deg) * len(plan.laser_elevations_deg),
         "calibrate": lambda: plan.board_poses,
+        "sensor": lambda: plan.repeats * (len(plan.dark_exposures_s) + len(plan.flat_exposures_s)),
     }[plan.kind]()
     lamp = CONFIG.lamps.lamp["lamp1"].model_dump()
     camera = CONFIG.cameras["cam1"].model_dump()

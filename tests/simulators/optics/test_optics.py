@@ -13,6 +13,7 @@ from simulators.lens import vignette
 from simulators.light import CHANNELS, LASER_CHANNELS
 from simulators.optics import Optics
 from simulators.truth import Truth
+from tests.reference.sensor import electrons
 
 LAMP = (("lamp4", 0.7),)
 
@@ -36,10 +37,11 @@ def test_mean_of_many_frames_is_the_noise_free_mosaic(optics, pose):
     frames = [
         _raw(optics.photograph("cam3", lit, exposure_s, serial="a", frame_key=(i,), time_s=0)) for i in range(count)
     ]
-    electrons = (np.mean(frames, axis=0) - 256) * 4
+    unit = optics.sensor("cam3")
     expected = optics.rate("cam3", lit) * exposure_s
-    sigma = np.sqrt((expected + 16 + 16 / 12) / count)
-    pull = ((electrons - expected) / sigma)[expected < 15000]
+    dark_variance = unit.sensor.read_noise_e**2 + unit.sensor.gain_e_per_dn**2 / 12
+    sigma = np.sqrt((expected + dark_variance) / count)
+    pull = ((electrons(np.mean(frames, axis=0), unit) - expected) / sigma)[expected < 14500]
     assert abs(pull.mean()) < 5 / np.sqrt(pull.size) + 0.01
     assert pull.std() == pytest.approx(1, abs=0.02)
 
@@ -47,7 +49,7 @@ def test_mean_of_many_frames_is_the_noise_free_mosaic(optics, pose):
 def test_the_white_frame_gives_what_a_lambertian_plane_must(optics, pose):
     """60 000 e-/s facing the lamp at its own distance, times cosine, response and vignetting."""
     lit = pose(lamps=(("lamp4", 1.0),))
-    rate = optics.rate("cam7", lit) - optics.rate("cam7", pose())
+    rate = (optics.rate("cam7", lit) - optics.rate("cam7", pose())) / optics.sensor("cam7").response
     camera = optics.layout.cameras["cam7"]
     column, row = (round(float(x)) for x in camera.matrix[:2, 2])
     patch = rate[row - 2 : row + 2, column - 2 : column + 2]
@@ -107,7 +109,7 @@ def test_the_stripe_fades_with_the_distance_not_its_square(optics, pose):
     """Light crosses every arc about the source in a stripe of the same width: irradiance goes as 1 / distance."""
     camera, laser, brightness = optics.layout.cameras["cam7"], optics.layout.laser, []
     rows, columns = np.indices((camera.height_px, camera.width_px))
-    response = LASER_CHANNELS[rows % 2 + columns % 2] * vignette(camera)
+    response = LASER_CHANNELS[rows % 2 + columns % 2] * vignette(camera) * optics.sensor("cam7").response
     for ticks in (60, 420):  # 39 mm behind the axis and before it: 66 mm nearer to the laser
         swept = _swept(optics, pose, ticks, ticks)
         points = np.load(optics.truth("points", swept, camera="cam7")["path"])
@@ -163,6 +165,21 @@ def test_every_exposure_leaves_a_line_of_truth(pose, tmp_path):
     assert lines[2]["radiance"] is None
     assert len(lines[2]["laser"]["planes"]) == 2
     assert len(list(Path(tmp_path / "radiance").iterdir())) == 1
+
+
+@pytest.mark.parametrize("lamps", [(), (("lamp4", 1.0),)])
+def test_a_cap_leaves_the_dark_current_and_a_light_box_an_even_field(optics, pose, lamps):
+    """Whatever shines in the room; the light box is as bright as white that faces a lamp."""
+    unit = optics.sensor("cam6")
+    capped = optics.rate("cam6", pose(sample="cap", lamps=lamps))
+    np.testing.assert_array_equal(capped, unit.dark_e_s)
+    field = optics.rate("cam6", pose(sample="lightbox", lamps=lamps)) - capped
+    rows, columns = np.indices(field.shape)
+    even = field / CHANNELS[rows % 2 + columns % 2] / vignette(optics.layout.cameras["cam6"]) / unit.response
+    normal = capped < 100  # beside the hot pixels, whose dark current leaves float32 fewer digits
+    np.testing.assert_allclose(even[normal], 60000, rtol=1e-5)
+    for sample in ("cap", "lightbox"):
+        assert not optics.laser_rate("cam6", _swept(optics, pose, 240, 241, sample=sample)).any()
 
 
 def test_unknown_sample_and_truth_are_refused(optics, pose, studio, tmp_path):

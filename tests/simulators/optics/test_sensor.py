@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulators.chance import generator
-from simulators.sensor import Sensor
+from simulators.sensor import Sensor, build_unit
+from tests.reference.sensor import electrons
 
 SENSOR = Sensor()
 SHAPE = (200, 250)  # 50 000 samples: the mean is known to 0.45 % of sigma, the variance to 0.63 %
@@ -57,11 +58,35 @@ def test_the_same_key_gives_the_same_bits_and_another_key_others(key, exposure_s
 
 def test_hot_pixels_are_few_and_stay_where_they_are():
     dark = SENSOR.dark_current((500, 500), ("camera",))
-    hot = dark > SENSOR.dark_e_s
+    hot = dark >= 500
     assert 5 <= hot.sum() <= 60  # 25 expected
-    assert dark[hot].min() >= 500
+    assert dark[~hot].max() < 5
+    assert dark[~hot].mean() == pytest.approx(SENSOR.dark_e_s, rel=0.01)
     np.testing.assert_array_equal(SENSOR.dark_current((500, 500), ("camera",)), dark)
 
 
 def test_generators_do_not_confuse_numbers_and_texts():
     assert generator((1, "2")).random() != generator((1, 2)).random()
+
+
+def test_a_unit_differs_from_its_model_by_what_its_key_says():
+    first, again, other = (build_unit(SENSOR, (300, 400), key) for key in ((1, "a"), (1, "a"), (1, "b")))
+    for name in ("offset_dn", "response", "dark_e_s"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+        assert np.any(getattr(first, name) != getattr(other, name))
+    assert first.sensor == again.sensor != other.sensor
+    assert first.sensor.gain_e_per_dn == pytest.approx(SENSOR.gain_e_per_dn, rel=0.015)
+    assert first.sensor.read_noise_e == pytest.approx(SENSOR.read_noise_e, rel=0.05)
+    assert first.sensor.noise_profile() != SENSOR.noise_profile()  # the file's is the model's
+    assert first.offset_dn.std() == pytest.approx(0.5, rel=0.1)
+    assert 0.004 < first.response.std() < 0.011
+
+
+def test_the_unit_loses_its_compression_at_the_white_level_and_little_below():
+    unit = build_unit(SENSOR, (100, 100), (2,))
+    for share in (0.1, 0.5, 0.97):
+        mean_e = share * (SENSOR.white_dn - SENSOR.black_dn) * unit.sensor.gain_e_per_dn
+        counts = unit.expose(np.full((100, 100), mean_e, np.float32), 1.0, ("frame",)).astype(float)
+        lost = 1 - (counts - SENSOR.black_dn).mean() / (mean_e / unit.sensor.gain_e_per_dn)
+        assert lost == pytest.approx(unit.sensor.compression * share**2, abs=3e-4)
+        assert electrons(counts, unit).mean() == pytest.approx(mean_e, rel=3e-4)

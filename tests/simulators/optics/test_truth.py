@@ -150,3 +150,15 @@ def test_records_tell_cameras_lamps_laser_and_board(optics, pose):
     board = optics.truth("board", here)["board"]
     np.testing.assert_allclose(board["rig_from_board"], optics.layout.rig_from_board(2), atol=1e-12)
     assert "radiance" in optics.truth("radiance", here, camera="cam2")["path"]
+
+
+def test_truth_of_a_sensor_is_what_its_frames_are_made_with(optics, pose, studio):
+    told = optics.truth("sensor", pose(), camera="cam5")
+    unit = studio.sensor("cam5")
+    assert told["sensor"]["serial"] == "VC-0005"
+    assert told["sensor"]["gain_e_per_dn"] == unit.sensor.gain_e_per_dn
+    assert json.loads(Path(told["path"]).read_text()) == told["sensor"]
+    np.testing.assert_array_equal(np.load(told["offset_path"]), unit.offset_dn)
+    field = optics.rate("cam5", pose(sample="lightbox")) - np.load(told["dark_path"])
+    ratio = field[::2, ::2] / np.load(told["flat_path"])[::2, ::2]
+    np.testing.assert_allclose(ratio, np.median(ratio), rtol=2e-3)  # under a hot pixel float32 has fewer digits

@@ -115,7 +115,7 @@ def _captured(
 
 
 def _process(sessions: dict[str, Session], kind: str, progress: ConsoleProgress, watch: Stopwatch) -> None:
-    calibrated = [sessions["calibrate"].folder]
+    calibrated = [] if kind == "calibrate" else [sessions["calibrate"].folder]
     watch.time(f"process {kind}", lambda: process(sessions[kind], calibrated, progress))
 
 

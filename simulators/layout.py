@@ -2,7 +2,8 @@
 
 Rig frame: origin where the turntable axis meets the reference plane, +Z up, +X at azimuth 0. Metres and radians inside.
 True poses differ from nominal ones by seeded amounts: cameras by up to 0.3 deg, 2 mm and 1 % in focal length (the front
-camera, aimed with care through its long lens, by 0.05 deg and 1 mm), the hand-mounted laser by 0.3 deg and 2 mm.
+camera, aimed with care through its long lens, by 0.05 deg and 1 mm), the hand-mounted laser by 0.3 deg and 2 mm, lamps
+by 0.5 deg, 5 mm and 10 % in intensity, and by 2 % between the colours.
 """
 
 import json
@@ -60,6 +61,17 @@ class SphereLayout:
 
 
 @dataclass(frozen=True, slots=True)
+class MirrorLayout:
+    """A polished ball of black glass on a matt black plate in the reference plane; `centre_m` in the sample frame."""
+
+    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.020)
+    radius_m: float = 0.020
+    refractive_index: float = 1.5
+    plate_m: float = 0.100  # side of the square plate
+    plate_albedo: float = 0.03
+
+
+@dataclass(frozen=True, slots=True)
 class AxisLayout:
     """One stepper axis."""
 
@@ -74,12 +86,18 @@ class AxisLayout:
 
 @dataclass(frozen=True, slots=True)
 class LampLayout:
-    """One lamp, a point source on the arm or on the light arc."""
+    """One lamp on the arm or on the light arc: what its label says, and what is true.
+
+    It is small: a disc of `radius_m` seen in a mirror, a point source to all else.
+    """
 
     channel: int
     mount: str
     elevation_rad: float
     distance_m: float
+    offsets: tuple[float, float, float] = (0.0, 0.0, 0.0)  # true less nominal: azimuth and elevation (rad), distance
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)  # true over nominal intensity in red, green, blue
+    radius_m: float = 0.003
 
 
 @dataclass(frozen=True)
@@ -160,12 +178,14 @@ class Layout:
     holder: HolderLayout = field(default_factory=HolderLayout)
     board: BoardLayout = field(default_factory=BoardLayout)
     sphere: SphereLayout = field(default_factory=SphereLayout)
+    mirror: MirrorLayout = field(default_factory=MirrorLayout)
 
     def lamp_position(self, name: str, light_arc_rad: float, arm_rad: float) -> Array:
-        """Position of the lamp (3,), rig frame, metres."""
+        """True position of the lamp (3,), rig frame, metres."""
         lamp = self.lamps[name]
         azimuth_rad = arm_rad if lamp.mount == "arm" else light_arc_rad
-        return lamp.distance_m * direction(azimuth_rad, lamp.elevation_rad)
+        round_rad, up_rad, away_m = lamp.offsets
+        return (lamp.distance_m + away_m) * direction(azimuth_rad + round_rad, lamp.elevation_rad + up_rad)
 
     def rig_from_board(self, pose: int) -> Array:
         """Rigid transform (4, 4) of the board's centre: 0 is the identity, others tilt by up to 30 deg and shift."""
@@ -207,14 +227,27 @@ def build_layout(seed: int, size: str) -> Layout:
         "light_arc": AxisLayout(2, 100.0, -180.0, 180.0, forbidden_deg=((-12.0, 12.0),)),
         "turntable": AxisLayout(module=3, steps_per_deg=160.0, min_deg=-200.0, max_deg=200.0),
     }
-    lamps = {f"lamp{i}": LampLayout(i + 1, "light_arc", radians(10.0 * (i + 1)), 0.900) for i in range(8)}
-    lamps["led"] = LampLayout(channel=9, mount="arm", elevation_rad=0.0, distance_m=0.600)
+    lamps = {f"lamp{i}": _lamp(seed, i + 1, "light_arc", 10.0 * (i + 1), 0.900) for i in range(8)}
+    lamps["led"] = _lamp(seed, 9, "arm", 0.0, 0.600)
     elevations_deg = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 88.0)
     cameras = {f"cam{i}": _arc_camera(i, elevation, seed, size) for i, elevation in enumerate(elevations_deg)}
     cameras["front"] = _front_camera(seed, size)
     offsets = np.random.default_rng([seed, 3]).uniform(-1, 1, (2, 2)) * (radians(0.3), 0.002)
     laser = LaserLayout(offsets=tuple((float(turn), float(shift)) for turn, shift in offsets))
-    return Layout(size, seed, axes, lamps, cameras, laser)
+    seat_m = np.random.default_rng([seed, 5]).uniform(-1, 1, 3) * (0.003, 0.003, 0.0005)
+    mirror = MirrorLayout(centre_m=(float(seat_m[0]), float(seat_m[1]), 0.020 + float(seat_m[2])))
+    return Layout(size, seed, axes, lamps, cameras, laser, mirror=mirror)
+
+
+def _lamp(seed: int, channel: int, mount: str, elevation_deg: float, distance_m: float) -> LampLayout:
+    rng = np.random.default_rng([seed, 4, channel])
+    elevation_rad = radians(elevation_deg)
+    sideways, up, away = _within_ball(rng) * (radians(0.5), radians(0.5), 0.005)
+    gains = (1 + rng.uniform(-0.10, 0.10)) * (1 + rng.uniform(-0.02, 0.02, 3))
+    offsets = (float(sideways / cos(elevation_rad)), float(up), float(away))
+    return LampLayout(
+        channel, mount, elevation_rad, distance_m, offsets, (float(gains[0]), float(gains[1]), float(gains[2]))
+    )
 
 
 def _arc_camera(index: int, elevation_deg: float, seed: int, size: str) -> CameraLayout:

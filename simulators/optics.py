@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from simulators.chance import Key, generator
 from simulators.dng import RawFile, encode_dng
+from simulators.glint import Spots, add_spots, glint
 from simulators.layout import Array, CameraLayout, Layout
 from simulators.lens import rays, sample_points, vignette
 from simulators.light import (
@@ -164,16 +165,29 @@ class Optics:
 
         def make() -> Floats:
             view = self._view(camera, pose)
-            return self._mosaic(camera, view, self._studio.lamp_radiance(pose, view.hits, lamp, view.eye_m))
+            light = self._studio.lamp_radiance(pose, view.hits, lamp, view.eye_m)
+            return self._mosaic(camera, view, light, self._glint(camera, pose, name))
 
         place = tuple(np.round(lamp.position_m, 9).tolist())
         return self._mosaics.get((*self._view_key(camera, pose), name, place), make)
 
-    def _mosaic(self, camera: str, view: View, light: Floats) -> Floats:
-        """Electron rates (h, w) of the hits' radiance (n, 3)."""
+    def _glint(self, camera: str, pose: Pose, name: str) -> Spots | None:
+        """The lamp's image in the mirror, None where there is no mirror."""
+        if pose.sample != "mirror":
+            return None
+        device, lamp = self.layout.cameras[camera], self._studio.lamp(pose, name)
+        light = self._studio.to_scene(pose, lamp.position_m)
+        disc = (light, self.layout.lamps[name].radius_m, lamp.strength * lamp.reach_m**2)
+        return glint(self.layout.mirror, disc, device, self._studio.rig_from_scene(pose))
+
+    def _mosaic(self, camera: str, view: View, light: Floats, spots: Spots | None = None) -> Floats:
+        """Electron rates (h, w) of the hits' radiance (n, 3), and of what is smaller than a pixel."""
         image = np.zeros((*self._shape(camera), 3), np.float32)
         gather(light, view.hits.ray, view.per_pixel, image)
-        return self._filtered(camera, np.asarray(cv2.GaussianBlur(image, (5, 5), BLUR_PX), np.float32))
+        image = np.asarray(cv2.GaussianBlur(image, (5, 5), BLUR_PX), np.float32)
+        if spots is not None:
+            add_spots(image, spots, BLUR_PX)
+        return self._filtered(camera, image)
 
     def _filtered(self, camera: str, image: Floats) -> Floats:
         """Electron rates (h, w) of an image's radiance (h, w, 3) behind lens and filters."""

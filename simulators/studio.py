@@ -11,6 +11,7 @@ from simulators.pose import Pose
 from simulators.scene import Floats, Hits, Mask, Scene
 from simulators.scene_board import BoardScene
 from simulators.scene_holder import HolderScene
+from simulators.scene_mirror import MirrorScene
 from simulators.scene_relief import brick_relief, flat_relief
 from simulators.scene_sphere import SphereScene
 from simulators.sensor import Sensor, Unit, build_unit
@@ -20,11 +21,11 @@ FLOOR_ALBEDO = 0.03  # of the empty opening's bottom
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lit lamp: position (3,), rig frame, the distance at which it is one unit strong, and its level in (0, 1]."""
+    """A lit lamp: position (3,), rig frame, and how strong it is per channel (3,) at the distance `reach_m`."""
 
     position_m: Array
     reach_m: float
-    level: float
+    strength: Array
 
 
 class Studio:
@@ -56,6 +57,8 @@ class Studio:
                 return self._sphere
             case "charuco":
                 return self._board
+            case "mirror":
+                return self.mirror
         raise ValueError(f"no sample {sample!r}")
 
     def rig_from_scene(self, pose: Pose) -> Array:
@@ -92,12 +95,20 @@ class Studio:
     def lamp(self, pose: Pose, name: str, level: float = 1.0) -> Lamp:
         """A lamp where it stands in this pose."""
         position_m = self.layout.lamp_position(name, pose.light_arc_rad, pose.arm_rad)
-        return Lamp(position_m, self.layout.lamps[name].distance_m, level)
+        lamp = self.layout.lamps[name]
+        return Lamp(position_m, lamp.distance_m, level * np.array(lamp.gains))
 
     def lamp_radiance(self, pose: Pose, hits: Hits, lamp: Lamp, eye_m: Array) -> Floats:
         """Radiance (n, 3) of the hits under one lamp toward an eye (3,), rig frame; shadows included."""
         source, eye = self.to_scene(pose, lamp.position_m), self.to_scene(pose, eye_m)
-        return radiance(hits, self.lit(pose, hits, lamp.position_m), source, eye, lamp.reach_m) * np.float32(lamp.level)
+        return radiance(hits, self.lit(pose, hits, lamp.position_m), source, eye, lamp.reach_m) * np.float32(
+            lamp.strength
+        )
+
+    @cached_property
+    def mirror(self) -> MirrorScene:
+        """The polished ball."""
+        return MirrorScene(self.layout.mirror)
 
     @cached_property
     def _brick(self) -> HolderScene:

@@ -13,6 +13,7 @@ import numpy as np
 
 from simulators.layout import Array, CameraLayout
 from simulators.lens import project, rays, sample_points, vignette
+from simulators.light import CHANNELS, ELECTRONS_PER_RADIANCE
 from simulators.pose import Pose
 from simulators.scene import Floats, Hits
 from simulators.scene_sphere import SphereScene
@@ -150,13 +151,18 @@ class Truth:
         }
 
     def lamps(self, pose: Pose) -> dict[str, Any]:
-        """True position (m, rig frame) of every lamp in this pose."""
+        """True position (m, rig frame) of every lamp in this pose.
+
+        "intensity_e_s" (red, green, blue) is what a pixel counts per second of a perfect white diffuser that faces the
+        lamp at full level from 1 m, "level" how bright it now is.
+        """
         record = {
             name: {
                 "position_m": self._studio.lamp(pose, name).position_m.tolist(),
                 "level": dict(pose.lamps).get(name, 0.0),
+                "intensity_e_s": (ELECTRONS_PER_RADIANCE / np.pi * CHANNELS * lamp.distance_m**2 * lamp.gains).tolist(),
             }
-            for name in self._studio.layout.lamps
+            for name, lamp in self._studio.layout.lamps.items()
         }
         return {"path": self._write("lamps", pose, record), "lamps": record}
 
@@ -198,7 +204,10 @@ class Truth:
 
     def _sphere_map(self, hits: Hits, lamp: str, arm_rad: float, eye_m: Array) -> Floats:
         pose = Pose("sphere", 0, 0.0, 0.0, arm_rad, (), 0.0, False, None)
-        return self._studio.lamp_radiance(pose, hits, self._studio.lamp(pose, lamp), eye_m)
+        light = self._studio.lamp(pose, lamp)
+        irradiance = light.strength * (light.reach_m / np.linalg.norm(light.position_m)) ** 2
+        seen = self._studio.lamp_radiance(pose, hits, light, eye_m)
+        return np.asarray(seen / irradiance, np.float32)
 
     def btf(self, pose: Pose, camera: str, lamp: str, texels: int, samples: int = 3) -> dict[str, Any]:
         """True BTF image (texels, texels, 3) for the lamp and the camera as they stand in this pose.
@@ -211,7 +220,7 @@ class Truth:
         hits = self._toward(pose, eye_m, where)
         seen = np.full((len(where), 3), np.nan)
         seen[hits.ray] = self._studio.lamp_radiance(pose, hits, light, eye_m)
-        ratio = seen / _plane_irradiance(light, where)[:, None]
+        ratio = seen / _plane_irradiance(light, where)
         image = ratio.reshape(texels, texels, samples**2, 3).mean(axis=2).astype(np.float32)
         return {"path": self._save("btf", pose, (camera, lamp, texels, samples), image)}
 
@@ -284,8 +293,9 @@ def limb_circle(camera: CameraLayout, radius_m: float) -> tuple[Array, float]:
 
 
 def _plane_irradiance(lamp: Lamp, points_m: Array) -> Array:
-    """Irradiance (n,) of the reference plane at points (n, 3) of it; NaN where the lamp is not above it."""
+    """Irradiance (n, 3) of the reference plane at points (n, 3) of it; NaN where the lamp is not above it."""
     way = lamp.position_m - points_m
     square = np.sum(way**2, axis=1)
     cosine = way[:, 2] / np.sqrt(square)
-    return np.where(cosine > 0, lamp.level * lamp.reach_m**2 / square * cosine, np.nan)
+    falling = np.where(cosine > 0, lamp.reach_m**2 / square * cosine, np.nan)
+    return np.asarray(falling[:, None] * lamp.strength, np.float64)

@@ -13,7 +13,8 @@ from simulators.motor import LaserMotor
 from simulators.pose import Pose
 from simulators.stage import Stage
 
-SAMPLES = ("none", "brick", "sphere", "charuco", "white", "cap", "lightbox")  # the last two stand before every lens
+# The last two stand before every lens.
+SAMPLES = ("none", "brick", "sphere", "charuco", "white", "mirror", "cap", "lightbox")
 STOPS = (-0.05, 1.15)  # of the laser's gear train, in sweeps
 
 

@@ -7,6 +7,7 @@ from rig.sessions.plan import (
     BtfPlan,
     CalibratePlan,
     Card,
+    LampsPlan,
     MdfPlan,
     Plan,
     SensorPlan,
@@ -26,7 +27,7 @@ from rig.sessions.step import Step, describe
 
 __all__ = [
     "ACTIVE", "CAP", "LIGHT_BOX", "TRANSITIONS", "Action", "BtfPlan", "CalibratePlan", "Card", "Event", "Forecast",
-    "FrameRecord", "JournalEvent", "MdfPlan", "Operator", "Plan", "RunReport", "Runner", "Schedule", "SensorPlan",
-    "Session", "Skip", "SrfPlan", "State", "Step", "allowed", "describe", "expand", "forecast", "hold_rig", "load_plan",
-    "parse_plan", "plan_data", "plan_schema", "plan_sha256", "schedule",
+    "FrameRecord", "JournalEvent", "LampsPlan", "MdfPlan", "Operator", "Plan", "RunReport", "Runner", "Schedule",
+    "SensorPlan", "Session", "Skip", "SrfPlan", "State", "Step", "allowed", "describe", "expand", "forecast",
+    "hold_rig", "load_plan", "parse_plan", "plan_data", "plan_schema", "plan_sha256", "schedule",
 ]  # fmt: skip

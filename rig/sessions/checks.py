@@ -54,8 +54,8 @@ class FrameChecks:
     def take(self, step: Step, camera: str, frames: Sequence[RawFrame]) -> tuple[Shot, list[str]]:
         """The frames as what is to be stored, with what is odd but no reason to take them again.
 
-        Raises FrameCheckError: number, serial number, exposure, not a raw image, frozen, or dark although lit (only in
-        the longest exposure of each light: a shorter one may hold no light worth the name).
+        Raises FrameCheckError: number, serial number, exposure, not a raw image, frozen, or dark although lit, with not
+        even a spot (only in the longest exposure of each light: a shorter one may hold no light worth the name).
         """
         self._check_labels(step, camera, frames)
         mosaics = [decode(frame.data, camera) for frame in frames]
@@ -108,7 +108,12 @@ class FrameChecks:
         read_dn = range_dn * (profile[1] ** 0.5 if profile and profile[1] > 0 else _ASSUMED_READ_NOISE)
         light_dn = max(_bright_level_dn(mosaic) for mosaic in mosaics)
         warnings = []
-        if (step.lamps or step.sweep) and light_dn < LIT_SIGMA * read_dn:
+        dark = light_dn < LIT_SIGMA * read_dn
+        if (
+            (step.lamps or step.sweep)
+            and dark
+            and not any(_has_spot(mosaic, LIT_SIGMA * read_dn) for mosaic in mosaics)
+        ):
             source = "laser" if step.sweep else " + ".join(step.lamps)
             finding = f"{camera}: no light of {source} in the frame ({light_dn:.1f} dn over black)"
             if step.exposure_s == self._longest[_light(step)]:
@@ -131,6 +136,12 @@ def _light(step: Step) -> object:
 
 def _bright_level_dn(mosaic: Mosaic) -> float:
     return float(np.quantile(_sampled(mosaic), LIT_QUANTILE)) - mosaic.black_dn
+
+
+def _has_spot(mosaic: Mosaic, least_dn: float) -> bool:
+    """Whether four neighbours are all this bright: a lamp seen in a mirror ball is; hot pixels stand alone."""
+    rows = np.minimum(mosaic.raw_dn[:-1], mosaic.raw_dn[1:])
+    return bool(np.minimum(rows[:, :-1], rows[:, 1:]).max() > mosaic.black_dn + least_dn)
 
 
 def _sampled(mosaic: Mosaic) -> NDArray[np.uint16]:

@@ -44,6 +44,7 @@ Millimetres = Annotated[float, Field(strict=True, ge=-10_000, le=10_000)]
 Length = Annotated[float, Field(strict=True, gt=0, le=10_000)]
 Exposure = Annotated[float, Field(strict=True, ge=EXPOSURE_STEP_S, le=600)]
 Angles = Annotated[tuple[Degrees, ...], Field(min_length=1, max_length=10_000), AfterValidator(_distinct_angles)]
+OptionalAngles = Annotated[tuple[Degrees, ...], Field(max_length=10_000), AfterValidator(_distinct_angles)]
 Exposures = Annotated[tuple[Exposure, ...], Field(min_length=1, max_length=50), AfterValidator(_distinct_exposures)]
 Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=512), AfterValidator(_distinct)]
 Texels = Annotated[int, Field(strict=True, ge=4, le=4096)]
@@ -130,8 +131,44 @@ class SensorPlan(_Model):
     repeats: int = Field(strict=True, ge=2, le=100)
 
 
-Plan = SrfPlan | BtfPlan | MdfPlan | CalibratePlan | SensorPlan
-KINDS = ("srf", "btf", "mdf", "calibrate", "sensor")
+class MirrorBall(_Model):
+    """A polished ball on the reference plane, its centre on the turntable's axis to a few millimetres."""
+
+    sample: Name = "mirror"
+    radius_mm: Length
+    exposures_s: Exposures
+
+
+class WhitePlate(_Model):
+    """A matt white plate in the reference plane; `reflectance` is the share of light that it returns."""
+
+    sample: Name = "white"
+    reflectance: float = Field(strict=True, gt=0, le=1)
+    exposures_s: Exposures
+
+
+class LampsPlan(_Model):
+    """Every lamp in a mirror ball and on a white plate, from several angles of the axis that carries it."""
+
+    kind: Literal["lamps"]
+    lamps: Names
+    light_arc_deg: OptionalAngles = ()
+    arm_deg: OptionalAngles = ()
+    cameras: Names
+    mirror: MirrorBall | None = None
+    white: WhitePlate | None = None
+
+    @model_validator(mode="after")
+    def _has_a_sample(self) -> "LampsPlan":
+        if self.mirror is None and self.white is None:
+            raise ValueError("neither [mirror] nor [white] is there: lamps are measured by one of them, or both")
+        if not self.light_arc_deg and not self.arm_deg:
+            raise ValueError("neither light_arc_deg nor arm_deg is there: name angles of the axis that carries a lamp")
+        return self
+
+
+Plan = SrfPlan | BtfPlan | MdfPlan | CalibratePlan | SensorPlan | LampsPlan
+KINDS = ("srf", "btf", "mdf", "calibrate", "sensor", "lamps")
 _PLAN: TypeAdapter[Plan] = TypeAdapter(Annotated[Plan, Field(discriminator="kind")])
 
 

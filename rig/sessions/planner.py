@@ -8,7 +8,7 @@ from math import ceil
 from rig.config import LampConfig, LaserConfig, RigConfig
 from rig.errors import InterlockError, PlanError, UnknownDeviceError
 from rig.sessions.order import ordered
-from rig.sessions.plan import EXPOSURE_STEP_S, BtfPlan, CalibratePlan, MdfPlan, Plan, SensorPlan, SrfPlan
+from rig.sessions.plan import EXPOSURE_STEP_S, BtfPlan, CalibratePlan, LampsPlan, MdfPlan, Plan, SensorPlan, SrfPlan
 from rig.sessions.reach import reachable_deg, standby_deg
 from rig.sessions.step import Mount, Step, step_id, to_rad
 
@@ -57,6 +57,8 @@ def schedule(plan: Plan, config: RigConfig) -> Schedule:
             steps = list(_calibrate(plan, layout))
         case SensorPlan():
             steps = list(_sensor(plan, layout))
+        case LampsPlan():
+            steps = list(_lamps(plan, layout))
     skipped = tuple(sorted(set(layout.skipped), key=lambda skip: (skip.what, skip.reason)))
     _check_identity(steps, skipped)
     return Schedule(ordered(steps, config), skipped)
@@ -174,6 +176,30 @@ def _sensor(plan: SensorPlan, layout: _Layout) -> Iterator[Step]:
             yield from pose.unlit(f"{before_lens}{repeat:02d}", exposures_s)
 
 
+def _lamps(plan: LampsPlan, layout: _Layout) -> Iterator[Step]:
+    cameras = layout.cameras(plan.cameras, flat_sample=True)
+    for lamp in plan.lamps if cameras else ():
+        carrier, samples = layout.lamp(lamp).mount, _reference_samples(plan, lamp, layout)
+        angles_deg = plan.arm_deg if carrier == "arm" else plan.light_arc_deg
+        if not angles_deg:
+            layout.skip(f"lamp {lamp}", f"the plan names no {carrier}_deg, angles of the axis that carries it")
+        for angle_deg in sorted(angles_deg):
+            axes_deg = layout.axes_deg({carrier: angle_deg})
+            for sample, exposures_s in samples.items():
+                pose = _Pose({"sample": sample}, axes_deg, (carrier,), cameras, label=f"{sample}_")
+                yield from pose.photographs(lamp, exposures_s)
+
+
+def _reference_samples(plan: LampsPlan, lamp: str, layout: _Layout) -> dict[str, tuple[float, ...]]:
+    """Which samples of the plan show this lamp, and how long they are exposed."""
+    samples = {} if plan.mirror is None else {plan.mirror.sample: plan.mirror.exposures_s}
+    if plan.white is not None and layout.lamp(lamp).elevation_deg > 0:
+        samples[plan.white.sample] = plan.white.exposures_s
+    if not samples:
+        layout.skip(f"lamp {lamp}", "it stands under the horizon of the white plate, and there is no mirror")
+    return samples
+
+
 @dataclass(frozen=True, slots=True)
 class _Pose:
     """What stays the same while lamps and exposures change; `named` are the axes that the plan speaks of."""
@@ -182,6 +208,7 @@ class _Pose:
     axes_deg: Mapping[str, float]
     named: tuple[str, ...]
     cameras: tuple[str, ...]
+    label: str = ""  # before the light's name, where the sample is no matter of course
 
     def photographs(self, lamp: str, exposures_s: Iterable[float]) -> Iterator[Step]:
         for exposure_s in map(_ticks, exposures_s):
@@ -201,7 +228,7 @@ class _Pose:
         )  # fmt: skip
 
     def _id(self, light: str, exposure_s: float) -> str:
-        return step_id(self.mount, {name: self.axes_deg[name] for name in self.named}, light, exposure_s)
+        return step_id(self.mount, {name: self.axes_deg[name] for name in self.named}, self.label + light, exposure_s)
 
     def _axes_rad(self) -> dict[str, float]:
         return to_rad(self.axes_deg)

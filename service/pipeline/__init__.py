@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rig.errors import StateError
-from rig.sessions import BtfPlan, CalibratePlan, MdfPlan, SensorPlan, Session, SrfPlan
+from rig.sessions import BtfPlan, CalibratePlan, LampsPlan, MdfPlan, SensorPlan, Session, SrfPlan
 from service.pipeline.btf import make_btf
 from service.pipeline.calibration import make_calibration
 from service.pipeline.calibrations import load_calibrations
@@ -43,3 +43,5 @@ def process(
             return [make_mdf(session, calibrations, progress)]
         case SensorPlan():
             raise StateError(f"{session.folder}: sensor sessions are captured, their frames not yet processed.")
+        case LampsPlan():
+            raise StateError(f"{session.folder}: sessions of kind lamps can be captured, but not processed yet.")

@@ -251,7 +251,12 @@ SENSOR = {
     "kind": "sensor", "cameras": ["cam0", "front"], "dark_exposures_s": [0.01, 0.2], "flat_exposures_s": [0.05, 0.1],
     "repeats": 2,
 }  # fmt: skip
-PLANS = {"btf": BTF, "mdf": MDF, "srf": SRF, "calibrate": CALIBRATE, "sensor": SENSOR}
+LAMPS = {
+    "kind": "lamps", "lamps": ["lamp0", "led"], "light_arc_deg": [60, -60], "arm_deg": [45],
+    "cameras": ["cam0", "cam1"], "mirror": {"radius_mm": 20, "exposures_s": [0.05]},
+    "white": {"reflectance": 0.9, "exposures_s": [0.05]},
+}  # fmt: skip
+PLANS = {"btf": BTF, "mdf": MDF, "srf": SRF, "calibrate": CALIBRATE, "sensor": SENSOR, "lamps": LAMPS}
 
 
 def whole(session):

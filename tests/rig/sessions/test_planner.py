@@ -258,6 +258,12 @@ def test_a_dry_run_names_everything_of_a_step():
         assert word in line
 
 
+def lamps_steps(plan):
+    """The led on the arm stands level with the white plate, which is photographed under the others only."""
+    on_arc = len(plan.light_arc_deg) * (len(plan.lamps) - 1)
+    return on_arc * len(plan.white.exposures_s) + (on_arc + len(plan.arm_deg)) * len(plan.mirror.exposures_s)
+
+
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
 def test_examples_use_only_what_their_comments_count(path):
     """The examples are for the simulated rig; their numbers of steps follow from their lists."""
@@ -268,6 +274,7 @@ def test_examples_use_only_what_their_comments_count(path):
         "mdf": lambda: len(plan.turntable_deg) * len(plan.laser_azimuth_deg) * len(plan.laser_elevations_deg),
         "calibrate": lambda: plan.board_poses,
         "sensor": lambda: plan.repeats * (len(plan.dark_exposures_s) + len(plan.flat_exposures_s)),
+        "lamps": lambda: lamps_steps(plan),
     }[plan.kind]()
     lamp = CONFIG.lamps.lamp["lamp1"].model_dump()
     camera = CONFIG.cameras["cam1"].model_dump()

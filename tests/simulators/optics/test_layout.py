@@ -1,4 +1,4 @@
-from math import atan2, degrees, radians
+from math import degrees, radians
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.config import load_config
-from simulators.layout import build_layout, direction
+from simulators.layout import build_layout, direction, rotation
 
 LAYOUT = build_layout(1, "small")
 ANGLES = st.floats(-3.1, 3.1)
@@ -50,11 +50,21 @@ def test_true_cameras_are_near_nominal_and_differ_between_seeds():
 
 @given(ANGLES, ANGLES)
 def test_lamps_follow_their_own_carrier(arc_rad, arm_rad):
-    lamp, led = LAYOUT.lamp_position("lamp2", arc_rad, arm_rad), LAYOUT.lamp_position("led", arc_rad, arm_rad)
-    assert np.linalg.norm(lamp) == pytest.approx(0.9)
-    assert atan2(lamp[1], lamp[0]) == pytest.approx(arc_rad)
-    assert lamp[2] == pytest.approx(0.9 * np.sin(radians(30)))
-    np.testing.assert_allclose(led, 0.6 * np.array([np.cos(arm_rad), np.sin(arm_rad), 0]), atol=1e-12)
+    """Turning the carrier turns the lamp about the rig's axis, and the other's carrier leaves it where it is."""
+    for name, turn_rad in (("lamp2", arc_rad), ("led", arm_rad)):
+        turned, start = LAYOUT.lamp_position(name, arc_rad, arm_rad), LAYOUT.lamp_position(name, 0.0, 0.0)
+        np.testing.assert_allclose(turned, rotation(np.array([0, 0, turn_rad])) @ start, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", LAYOUT.lamps)
+def test_true_lamps_are_near_nominal_and_differ_between_seeds(name):
+    lamp, true = LAYOUT.lamps[name], LAYOUT.lamp_position(name, 0.0, 0.0)
+    away_m = np.linalg.norm(true)
+    assert 0 < degrees(np.arccos(true / away_m @ direction(0.0, lamp.elevation_rad))) <= 0.5
+    assert 0 < abs(away_m - lamp.distance_m) <= 0.005
+    assert 0.87 < min(lamp.gains) <= max(lamp.gains) < 1.13
+    assert max(lamp.gains) / min(lamp.gains) < 1.042
+    assert not np.allclose(build_layout(2, "small").lamp_position(name, 0.0, 0.0), true)
 
 
 @given(ANGLES, st.sampled_from([35.0, 50.0]), st.floats(0, 480))

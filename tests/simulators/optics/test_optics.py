@@ -47,14 +47,17 @@ def test_mean_of_many_frames_is_the_noise_free_mosaic(optics, pose):
 
 
 def test_the_white_frame_gives_what_a_lambertian_plane_must(optics, pose):
-    """60 000 e-/s facing the lamp at its own distance, times cosine, response and vignetting."""
+    """60 000 e-/s facing the lamp at its nominal distance, times its gains, cosine, response and vignetting."""
     lit = pose(lamps=(("lamp4", 1.0),))
     rate = (optics.rate("cam7", lit) - optics.rate("cam7", pose())) / optics.sensor("cam7").response
     camera = optics.layout.cameras["cam7"]
     column, row = (round(float(x)) for x in camera.matrix[:2, 2])
     patch = rate[row - 2 : row + 2, column - 2 : column + 2]
     rows, columns = np.indices(patch.shape) + np.array([[[row - 2]], [[column - 2]]])
-    expected = 60000 * np.sin(radians(50)) * CHANNELS[rows % 2 + columns % 2]
+    lamp = optics.layout.lamps["lamp4"]
+    place = optics.layout.lamp_position("lamp4", radians(90), 0.0)
+    facing = place[2] * lamp.distance_m**2 / np.linalg.norm(place) ** 3
+    expected = 60000 * facing * (CHANNELS * lamp.gains)[rows % 2 + columns % 2]
     # the patch is within 5 mm of the origin: 5 mm of 900 mm, squared, is about 1 %
     np.testing.assert_allclose(patch, expected, rtol=0.012)
 

@@ -124,7 +124,9 @@ def test_reflectance_maps_agree_with_the_picture(optics, pose):
     points = 0.05 * normals @ camera.rig_from_camera[:3, :3].T
     column, row = np.rint(project(camera, points)).astype(int).T
     green = ((row % 2 + column % 2) == 1) & (normals[:, 2] < -0.8)
-    predicted = maps[0].reshape(-1, 3)[green, 1] * 60000 * np.pi / 0.9
+    led, away_m = optics.layout.lamps["led"], np.linalg.norm(optics.layout.lamp_position("led", 0.0, 0.0))
+    irradiance = led.gains[1] * (led.distance_m / away_m) ** 2
+    predicted = maps[0].reshape(-1, 3)[green, 1] * irradiance * 60000 * np.pi / 0.9
     measured = rate[row, column][green]
     assert np.corrcoef(predicted, measured)[0, 1] > 0.95
     assert measured.mean() == pytest.approx(predicted.mean(), rel=0.02)
@@ -142,7 +144,12 @@ def test_records_tell_cameras_lamps_laser_and_board(optics, pose):
     np.testing.assert_allclose(cameras["cam2"]["rig_from_camera"], optics.layout.cameras["cam2"].rig_from_camera)
     lamps = optics.truth("lamps", here)["lamps"]
     assert lamps["lamp1"]["level"] == 0.5
-    assert np.linalg.norm(lamps["lamp1"]["position_m"]) == pytest.approx(0.9)
+    np.testing.assert_allclose(
+        lamps["lamp1"]["position_m"], optics.layout.lamp_position("lamp1", here.light_arc_rad, 0.0)
+    )
+    # a perfect diffuser 1 m away against white of albedo 0.9 at 0.9 m, which gives 60 000 e-/s at nominal strength
+    gain = lamps["lamp1"]["intensity_e_s"][1] / (60000 / 0.9 * 0.9**2)
+    assert gain == pytest.approx(optics.layout.lamps["lamp1"].gains[1])
     laser = optics.truth("laser", here)["laser"]
     source = np.array(laser["source_m"])
     for plane in laser["planes"]:

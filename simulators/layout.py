@@ -6,9 +6,8 @@ camera, aimed with care through its long lens, by 0.05 deg and 1 mm), the hand-m
 by 0.5 deg, 5 mm and 10 % in intensity, and by 2 % between the colours.
 """
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from math import atan2, cos, radians, sin
 
 import numpy as np
@@ -198,25 +197,6 @@ class Layout:
         turn = rotation(axis * tilt_rad) @ rotation(np.array([0.0, 0.0, spin_rad]))
         return transform(turn, rng.uniform([-0.012, -0.012, 0.0], [0.012, 0.012, 0.015]))
 
-    def rig_toml(self, *, bus: str, dmx: str, tower: str, cameras: Mapping[str, str], clock: str) -> str:
-        """The text of rig.toml: nominal numbers, and where each device is reached.
-
-        `bus`, `dmx` and `tower` are serial ports, `cameras` gives host:port per camera name, `clock` the control port.
-        """
-        tables = [
-            'name = "simulated rig"\n',
-            _holder_table(self.holder),
-            _board_table(self.board),
-            _table("bus", port=bus),
-            *(_axis_table(name, axis) for name, axis in self.axes.items()),
-            _table("lamps", port=dmx),
-            *(_lamp_table(name, lamp) for name, lamp in self.lamps.items()),
-            *(_camera_table(name, camera, cameras[name]) for name, camera in self.cameras.items()),
-            _laser_table(self.laser, tower),
-            _table("clock", address=clock),
-        ]
-        return "".join(tables)
-
 
 def build_layout(seed: int, size: str) -> Layout:
     """The rig of this seed; `size` is "small" (320 x 240, front 640 x 480) or "full" (1024 x 768, 2560 x 1920)."""
@@ -325,79 +305,3 @@ def _within_ball(rng: np.random.Generator) -> Array:
 def _matrix(focal_px: float, width_px: float, height_px: float, off_centre_px: Array) -> Array:
     centre_u, centre_v = (width_px - 1) / 2 + off_centre_px[0], (height_px - 1) / 2 + off_centre_px[1]
     return np.array([[focal_px, 0.0, centre_u], [0.0, focal_px, centre_v], [0.0, 0.0, 1.0]])
-
-
-def _mm(length_m: float) -> float:
-    return round(length_m * 1e3, 6)
-
-
-def _deg(angle_rad: float) -> float:
-    return round(float(np.degrees(angle_rad)), 9)
-
-
-def _table(name: str, **values: object) -> str:
-    """A table of a TOML file; texts, numbers and lists of them are written as JSON writes them."""
-    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
-    return "\n".join([f"[{name}]", *lines, ""])
-
-
-def _holder_table(holder: HolderLayout) -> str:
-    return _table(
-        "holder",
-        sample_mm=_mm(holder.opening_m),
-        margin_mm=_mm(holder.margin_m),
-        inner_mm=_mm(holder.upper_m),
-        outer_mm=_mm(holder.lower_m),
-        step_mm=_mm(holder.step_m),
-        sample_depth_mm=_mm(holder.depth_m),
-        white_reflectance=holder.albedo,
-    )
-
-
-def _board_table(board: BoardLayout) -> str:
-    return _table(
-        "board",
-        columns=board.columns,
-        rows=board.rows,
-        square_mm=_mm(board.square_m),
-        marker_mm=_mm(board.marker_m),
-        dictionary=board.dictionary,
-    )
-
-
-def _axis_table(name: str, axis: AxisLayout) -> str:
-    return _table(f"axes.{name}", **asdict(axis))
-
-
-def _lamp_table(name: str, lamp: LampLayout) -> str:
-    return _table(
-        f"lamps.lamp.{name}",
-        channel=lamp.channel,
-        mount=lamp.mount,
-        elevation_deg=_deg(lamp.elevation_rad),
-        distance_mm=_mm(lamp.distance_m),
-    )
-
-
-def _camera_table(name: str, camera: CameraLayout, address: str) -> str:
-    return _table(
-        f"cameras.{name}",
-        address=address,
-        serial=camera.serial,
-        mount=camera.mount,
-        elevation_deg=_deg(camera.elevation_rad),
-        distance_mm=_mm(camera.distance_m),
-        megabytes_per_s=camera.megabytes_per_s,
-        frame_megabytes=round((2 * camera.width_px * camera.height_px + 1000) / 1e6, 6),
-    )
-
-
-def _laser_table(laser: LaserLayout, port: str) -> str:
-    return _table(
-        "laser",
-        port=port,
-        distance_mm=_mm(laser.distance_m),
-        elevations_deg=laser.elevations_deg,
-        sweep_ticks=laser.sweep_ticks,
-        ticks_per_s=laser.ticks_per_s,
-    )

@@ -17,6 +17,7 @@ from simulators.laser_unit import Brick, Tower
 from simulators.line import Line
 from simulators.optics import Optics
 from simulators.ptp_ip import Responder
+from simulators.rig_file import rig_toml
 from simulators.shutter import Shutter
 from simulators.wires import HEAD_START_S, Loop, Pty, TcpConnection, TcpPort
 from simulators.world import World
@@ -59,7 +60,7 @@ class Laboratory:
         cameras = {name: self._open_camera(name, i, settings.ptp_port) for i, name in enumerate(self.layout.cameras)}
         self.rig_toml = state / "rig.toml"
         serial = {name: str(state / name) for name in SERIAL_WIRES}
-        text = self.layout.rig_toml(**serial, cameras=cameras, clock=self._open_control())
+        text = rig_toml(self.layout, **serial, cameras=cameras, clock=self._open_control())
         self.rig_toml.write_text(text, encoding="utf-8")
 
     def run(self) -> None:

@@ -1,6 +1,7 @@
-"""From a camera's image to the sample's texels, and from radiance to reflectance by the white frame."""
+"""From a camera's image to the sample's texels, in one resampling from the camera's own pixels."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,164 +11,106 @@ from processing.cameras import resample_kernel
 from processing.cameras.calibration import CameraModel
 from processing.errors import ImageError
 from processing.radiometry.hdr import Radiance
-from processing.radiometry.mosaic import cfa_channels
-from processing.robust import biweight, bulk_deviation
 
 Array = NDArray[np.float64]
-_FRAME_TEXELS = 76  # over the outer side of the upper frame: about a millimetre, as wide as the edges' blur
-_EDGE = 0.2  # of the frame's width on each side is left out: burrs, blur, calibration
-_MIN_FRAME_TEXELS = 40  # for six coefficients that must also survive a shadow
-_ROUNDS = 10
-_DRAWS, _DRAWN = 150, 8  # with 35 % in shadow, five of 150 draws still miss it
+_COLOUR = np.tile(np.arange(3, dtype=np.uint8), (2, 2, 1))  # every pixel has three planes
+
+
+class TexelStatus(IntEnum):
+    """What a texel of a rectified image is; of several reasons the greatest number counts."""
+
+    SEEN = resample_kernel.SEEN  # measured in all channels
+    OUT_OF_FIELD = resample_kernel.OUT_OF_FIELD  # over half of it lies outside the image, or no lens shows it
+    SATURATED = resample_kernel.SATURATED  # a hundredth or more of it is saturated: its mean would be too dark
+    MISSING = resample_kernel.MISSING  # over half of it fell on hot or otherwise unmeasured pixels
+    AVERTED = 4  # the sample plane shows the camera its back
+    HIDDEN = 5  # outside the holder's opening, or its rim lies before it
+
+
+@dataclass(frozen=True, slots=True)
+class Texels:
+    """`count` x `count` texels over the square of `side_m` in the plane z = 0 of the sample frame, row 0 at +Y.
+
+    They are seen through a square opening of `opening_m` whose rim stands `rim_m` over that plane.
+    """
+
+    count: int
+    side_m: float
+    opening_m: float = np.inf
+    rim_m: float = 0.0
+
+    @property
+    def centres_m(self) -> Array:
+        """Centres (n, n, 3) in the sample frame."""
+        return geometry.texel_grid(self.count, self.side_m)
 
 
 @dataclass(frozen=True, slots=True)
 class Rectified:
-    """An image on the sample's texels: `value` and `variance` (n, n, 3) float32, `valid` (n, n), side in metres.
+    """An image on the sample's texels: `value` and `variance` (n, n, 3) float32, `status` (n, n) of TexelStatus.
 
-    Row 0 lies at +Y of the sample frame, column 0 at -X. A channel is NaN where under half of its footprint was
-    measured; `valid` says that no channel is.
+    Row 0 lies at +Y of the sample frame, column 0 at -X. Where the status is not SEEN at least one channel is NaN.
     """
 
     value: NDArray[np.float32]
     variance: NDArray[np.float32]
-    valid: NDArray[np.bool_]
-    side_m: float
+    status: NDArray[np.uint8]
+    texels: Texels
 
-
-@dataclass(frozen=True, slots=True)
-class WhiteFrame:
-    """The matt white upper frame in the plane of the sample's top: square, from `opening_m` to `outer_m`."""
-
-    opening_m: float
-    outer_m: float
-
-
-@dataclass(frozen=True)
-class WhiteRadiance:
-    """What a white plate in the place of the sample would show: radiance over the plane z = 0 of the sample frame.
-
-    A quadratic in x and y per channel; a point lamp at 0.6 m over a 60 mm sample departs from it by under 0.1 %.
-    `coefficients` (3, 6), `covariance` (3, 6, 6), of 1 x y x^2 x y y^2 in units of `scale_m`.
-    """
-
-    coefficients: Array
-    covariance: Array
-    scale_m: float
-
-    def radiance(self, points_m: NDArray[np.floating]) -> Array:
-        """Radiance (..., 3) at sample-frame points (..., 3)."""
-        return np.asarray(_quadratic(points_m, self.scale_m) @ self.coefficients.T, np.float64)
-
-    def variance(self, points_m: NDArray[np.floating]) -> Array:
-        """Variance (..., 3) of `radiance`."""
-        terms = _quadratic(points_m, self.scale_m)
-        return np.asarray(np.einsum("...i,cij,...j->...c", terms, self.covariance, terms), np.float64)
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Texels (n, n) that are measured in all channels."""
+        return np.asarray(self.status == TexelStatus.SEEN, np.bool_)
 
 
 def rectify(
     radiance: Radiance,
     camera: CameraModel,
     rig_from_sample: Array,
-    texels: int,
-    side_m: float,
+    texels: Texels,
     cfa: NDArray[np.uint8] | None = None,
 ) -> Rectified:
-    """Radiance of n x n texels over the sample square, in one resampling from the camera's own pixels.
+    """Radiance of the texels over the sample, in one resampling from the camera's own pixels.
 
     `radiance` is a colour image (h, w, 3), or with `cfa` a mosaic (h, w): then demosaicing is part of the resampling.
-    A texel is the mean over its footprint in the image, each point of it interpolated bilinearly; so it averages
-    where the image is finer and interpolates where it is coarser. Missing pixels (NaN) take no part.
-    Raises ImageError where image, camera and pattern do not fit.
+    A texel is the mean over its footprint in the image, each point of it interpolated bilinearly between the pixels
+    of its colour; so it averages where the image is finer, without aliasing and each pixel with its share of the
+    area, and interpolates where it is coarser. Pixels without a value take no part; the variance is that of the
+    weighted mean. Raises ImageError where image, camera and pattern do not fit.
     """
-    value, variance = _planes(radiance, camera, cfa)
-    corners = geometry.transform_points(rig_from_sample, geometry.texel_corners(texels, side_m))
-    corners_px = camera.project(corners)
-    # On the lattice of one colour the tents of half width two add up to these shares everywhere.
-    share, reach = (np.ones(3), 1) if cfa is None else (np.bincount(np.ravel(cfa), minlength=3) / 4, 2)
-    mean, spread = resample_kernel.resample(value, variance, corners_px, share, reach)
-    return Rectified(mean, spread, np.asarray(np.isfinite(mean).all(axis=-1), np.bool_), side_m)
+    planes, channel = _planes(radiance, camera, cfa)
+    corners = geometry.texel_corners(texels.count, texels.side_m)
+    corners_px = camera.project(geometry.transform_points(rig_from_sample, corners))
+    # Samples of one colour are two pixels apart in a mosaic: there the tents that interpolate are as much wider.
+    reach = 1 if cfa is None else 2
+    value, variance, status = resample_kernel.resample(*planes, channel, corners_px, reach)
+    hidden = _obstruction(texels, geometry.transform_points(geometry.invert(rig_from_sample), camera.centre_m))
+    value[hidden > 0] = variance[hidden > 0] = np.nan
+    return Rectified(value, variance, np.maximum(status, hidden), texels)
 
 
 def _planes(
     radiance: Radiance, camera: CameraModel, cfa: NDArray[np.uint8] | None
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Value and variance as (3, h, w), NaN where a mosaic has no sample of the channel."""
-    shape = radiance.value.shape
-    wanted = (*camera.size, 3) if cfa is None else camera.size
-    if shape != wanted or radiance.variance.shape != shape:
-        raise ImageError(f"an image of shape {shape} does not fit a camera of {camera.size}; {wanted} is needed.")
-    if cfa is None:
-        value = np.moveaxis(radiance.value, -1, 0)
-        return np.ascontiguousarray(value, np.float32), np.ascontiguousarray(
-            np.moveaxis(radiance.variance, -1, 0), np.float32
-        )
-    channels = cfa_channels(cfa, camera.size)
-    mosaic = np.where(channels == np.arange(3)[:, None, None], radiance.value, np.float32(np.nan))
-    return mosaic.astype(np.float32), np.broadcast_to(radiance.variance, mosaic.shape).astype(np.float32)
+) -> tuple[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]], NDArray[np.uint8]]:
+    """Value, variance and status as (h, w, planes), and the colour of each plane by row and column modulo two."""
+    wanted = (*camera.size, 3) if cfa is None else tuple(camera.size)
+    shapes = {radiance.value.shape, radiance.variance.shape, radiance.status.shape}
+    if shapes != {wanted}:
+        raise ImageError(f"an image of shapes {sorted(shapes)} does not fit a camera of {camera.size}: not {wanted}.")
+    channel = _COLOUR if cfa is None else np.asarray(cfa, np.uint8)[..., None]
+    if channel.shape[:2] != (2, 2) or channel.max() > 2:
+        raise ImageError(f"not a Bayer pattern: {np.asarray(cfa).tolist()}")
+    shape = (*camera.size, channel.shape[2])
+    value, variance = (np.ascontiguousarray(a, np.float32).reshape(shape) for a in (radiance.value, radiance.variance))
+    return (value, variance, np.ascontiguousarray(radiance.status, np.uint8).reshape(shape)), channel
 
 
-def white_frame_radiance(
-    radiance: Radiance,
-    camera: CameraModel,
-    rig_from_sample: Array,
-    frame: WhiteFrame,
-    cfa: NDArray[np.uint8] | None = None,
-) -> WhiteRadiance:
-    """Radiance of the white upper frame, continued smoothly over the sample that it surrounds.
-
-    A quadratic is fitted to the frame's texels, starting from the majority and with Tukey's biweight, so that what
-    does not follow it takes no part: shadows over less than half of the frame, dust.
-    Raises ImageError where too little of the frame is seen, or it is not lit.
-    """
-    seen = rectify(radiance, camera, rig_from_sample, _FRAME_TEXELS, frame.outer_m, cfa)
-    points = geometry.texel_grid(_FRAME_TEXELS, frame.outer_m)
-    edge_m = _EDGE * (frame.outer_m - frame.opening_m) / 2
-    across = np.abs(points[..., :2]).max(axis=-1)
-    ring = seen.valid & (across > frame.opening_m / 2 + edge_m) & (across < frame.outer_m / 2 - edge_m)
-    if np.count_nonzero(ring) < _MIN_FRAME_TEXELS:
-        raise ImageError("the white frame is not in the image; check the camera's calibration and the exposures.")
-    scale_m = frame.outer_m / 2
-    terms = _quadratic(points[ring], scale_m)
-    fits = [_robust_fit(terms, seen.value[ring][:, c].astype(np.float64)) for c in range(3)]
-    white = WhiteRadiance(np.stack([f[0] for f in fits]), np.stack([f[1] for f in fits]), scale_m)
-    if not (white.radiance(points[ring]) > 0).all():
-        raise ImageError("the white frame is dark; check the lamp and the exposures.")
-    return white
-
-
-def _quadratic(points_m: NDArray[np.floating], scale_m: float) -> Array:
-    x, y = points_m[..., 0] / scale_m, points_m[..., 1] / scale_m
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-
-
-def _robust_fit(terms: Array, value: Array) -> tuple[Array, Array]:
-    """Coefficients and covariance of the surface that most values follow.
-
-    Starts from the subset fit with the least median residual (Rousseeuw 1984): a shadow lies in one piece and would
-    bend a fit that begins with all values.
-    """
-    draws = np.random.default_rng(0).integers(len(value), size=(_DRAWS, _DRAWN))
-    trials = np.einsum("dij,dj->di", np.linalg.pinv(terms[draws]), value[draws])
-    some = slice(None, None, 4)  # enough for a median
-    coefficients = trials[np.argmin(np.median(np.abs(value[some] - trials @ terms[some].T), axis=1))]
-    for _ in range(_ROUNDS):
-        residual = value - terms @ coefficients
-        spread = max(bulk_deviation(residual), 1e-6 * float(np.abs(value).max()), 1e-300)
-        weight = biweight(residual, spread)
-        normal = terms.T @ (weight[:, None] * terms)
-        coefficients = np.linalg.pinv(normal) @ (terms.T @ (weight * value))
-    return np.asarray(coefficients, np.float64), np.asarray(spread**2 * np.linalg.pinv(normal), np.float64)
-
-
-def reflectance(rectified: Rectified, white: WhiteRadiance, albedo: float) -> Rectified:
-    """Radiance over the irradiance of the sample plane: L / L_white * albedo / pi, in 1/sr.
-
-    The white frame is Lambertian with `albedo`, so its radiance is albedo / pi times the irradiance, cosine included.
-    """
-    points = geometry.texel_grid(rectified.value.shape[0], rectified.side_m)
-    level = white.radiance(points)
-    scale = albedo / np.pi / level
-    value = rectified.value * scale
-    variance = rectified.variance * scale**2 + (value / level) ** 2 * white.variance(points)
-    return Rectified(value.astype(np.float32), variance.astype(np.float32), rectified.valid, rectified.side_m)
+def _obstruction(texels: Texels, centre_m: Array) -> NDArray[np.uint8]:
+    """AVERTED, HIDDEN or 0 of every texel (n, n), seen from a sample-frame point."""
+    points = texels.centres_m
+    if centre_m[2] <= 0:
+        return np.full(points.shape[:2], TexelStatus.AVERTED, np.uint8)
+    # A line that leaves an upright opening does not come back: it is enough to look at its two ends.
+    at_rim = points + (centre_m - points) * min(texels.rim_m / centre_m[2], 1.0)
+    across = np.abs(np.stack([points, at_rim])[..., :2]).max(axis=(0, -1))
+    return np.where(across > texels.opening_m / 2, TexelStatus.HIDDEN, 0).astype(np.uint8)

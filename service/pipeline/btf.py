@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from processing import geometry
 from processing.cameras.calibration import CameraModel
-from processing.cameras.rectification import WhiteFrame, rectify, reflectance, white_frame_radiance
+from processing.cameras.rectification import Texels, rectify
+from processing.cameras.white_frame import WhiteFrame, reflectance, white_frame_radiance
 from processing.products import Btf, FactoredBtf, Provenance, StoredBtf
 from processing.svd import factor_btf
 from rig.config import RigConfig, SampleHolder
@@ -73,7 +74,8 @@ def _image(stack: Stack, camera: CameraModel, holder: SampleHolder, texels: int)
     frame = WhiteFrame(holder.sample_mm / 1e3, holder.inner_mm / 1e3)
     rig_from_sample = geometry.rotation_z(stack.step.axes_rad["turntable"])
     merged = merge(stack)
-    seen = rectify(merged.radiance, camera, rig_from_sample, texels, holder.texels_mm / 1e3, merged.cfa)
+    grid = Texels(texels, holder.texels_mm / 1e3, holder.sample_mm / 1e3)
+    seen = rectify(merged.radiance, camera, rig_from_sample, grid, merged.cfa)
     white = white_frame_radiance(merged.radiance, camera, rig_from_sample, frame, merged.cfa)
     return reflectance(seen, white, holder.white_reflectance).value
 

@@ -7,7 +7,8 @@ import pytest
 
 from processing.cameras.calibration import CameraModel
 from processing.cameras.lens import Pinhole
-from processing.cameras.rectification import WhiteFrame, rectify, reflectance, white_frame_radiance
+from processing.cameras.rectification import Texels, rectify
+from processing.cameras.white_frame import WhiteFrame, reflectance, white_frame_radiance
 from processing.formats.raw import read_raw
 from processing.geometry import rotation_z
 from processing.radiometry.hdr import PixelStatus, merge_exposures
@@ -54,7 +55,7 @@ def test_a_white_plate_has_its_albedo(bracket):
     )
     turn = rotation_z(TURN_RAD)
     white = white_frame_radiance(merged, camera, turn, WhiteFrame(0.060, 0.076), cfa)
-    plate = reflectance(rectify(merged, camera, turn, 32, 0.060, cfa), white, 0.9)
+    plate = reflectance(rectify(merged, camera, turn, Texels(32, 0.060), cfa), white, 0.9)
     assert plate.valid.all()
     # Stray light between frame and plate, and the quadratic, are under half a percent together.
     np.testing.assert_allclose(np.pi * plate.value.mean(axis=(0, 1)), 0.9, rtol=5e-3)

@@ -1,7 +1,8 @@
 """Camera RAW files: the untouched mosaic with everything that its radiometry needs."""
 
 import io
-from dataclasses import dataclass
+import mmap
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,12 @@ import rawpy
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
-from processing.formats import exif
+from processing.formats import exif, tiff
 from processing.radiometry.sensor import Sensor
 
 ASSUMED_GAIN_E_PER_DN = 1.0
 ASSUMED_READ_NOISE_DN = 2.0
+_HEAD_ROWS = 32  # LibRaw refuses images of less than 22
 _NOISE_PROFILE = "0xC761"  # DNG specification 1.7, tag numbers
 _CAMERA_SERIAL = "0xC62F"
 _UNIQUE_MODEL = "0xC614"
@@ -62,6 +64,27 @@ def read_raw(source: Path | bytes) -> RawImage:
         ) from error
     except ImageError as error:
         raise ImageError(f"{name}: {error}") from error
+
+
+def map_raw(path: Path) -> RawImage:
+    """Read a RAW file like `read_raw`, but leave the samples of an uncompressed DNG where they are.
+
+    Its `mosaic` is then a read-only view of the file: the system fetches the pages that are touched, no others, and
+    the file must not be cut meanwhile. Every number about it is LibRaw's, from the same tags over the first rows
+    alone. Any other file is decoded whole, also where LibRaw changes the samples: crop, linearisation, black levels
+    of the channels that differ. Raises what `read_raw` raises.
+    """
+    try:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            block = tiff.sample_block(content)
+            if block is None or block.end > len(content) or block.shape[0] <= _HEAD_ROWS:
+                return read_raw(path)
+            head = read_raw(tiff.first_rows(content, block, _HEAD_ROWS))
+    except (OSError, ValueError, ImageError):
+        return read_raw(path)  # which says what is wrong with it, by its name
+    samples: NDArray[np.uint16] = np.memmap(path, np.uint16, mode="r", offset=block.start, shape=block.shape)
+    same = np.array_equal(head.mosaic, samples[:_HEAD_ROWS])
+    return replace(head, mosaic=samples) if same else read_raw(path)
 
 
 def _read(path: Path) -> bytes:

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from processing.radiometry.adaptive import adaptive_read_ratio
 from processing.radiometry.hdr import merge_exposures
 from service.bench import Result
 from tests.benchmarks.yardsticks.bandwidth import fastest, read_bandwidth
@@ -183,6 +184,7 @@ def _speed_figures(seconds):
         "time_over_bandwidth_floor": ours / (raw_dn.nbytes / bandwidth),
         "ns_per_pixel_frame": ours / raw_dn.size * 1e9,
         "read_bandwidth_gb_s": bandwidth / 1e9,
+        "adaptive_read_ratio": adaptive_read_ratio(raw_dn, EXPOSURE_S, SENSOR),
         "speedup_vs_opencv": min(spent for name, spent in seconds.items() if name.startswith("opencv")) / ours,
     }
     return figures | ({"speedup_vs_hdrutils": seconds["hdrutils"] / ours} if "hdrutils" in seconds else {})

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ImageError
-from processing.formats.raw import read_raw
+from processing.formats import tiff
+from processing.formats.raw import map_raw, read_raw
 from tests.reference.dng import dng
 
 MOSAIC = np.random.default_rng(0).integers(200, 4096, (48, 64)).astype(np.uint16)
@@ -46,6 +47,38 @@ def test_black_levels_of_the_channels_become_one():
     np.testing.assert_array_equal(raw.mosaic, MOSAIC + shift)
 
 
+def as_written(path, content):
+    path.write_bytes(content)
+    return path
+
+
+def equal(one, other):
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in one.__dataclass_fields__)
+
+
+def test_a_mapped_file_is_the_same_frame_with_its_samples_on_disk(tmp_path):
+    content = dng(MOSAIC, exposure_s=0.1234, noise_profile=PROFILE, serial="VC-0003", unique_id="ab" * 16)
+    mapped = map_raw(as_written(tmp_path / "frame.dng", content))
+    assert isinstance(mapped.mosaic, np.memmap)
+    assert not mapped.mosaic.flags.writeable
+    assert equal(mapped, read_raw(content))
+
+
+@pytest.mark.parametrize("change", ["levels differ", "few rows", "more behind", "other byte order"])
+def test_what_is_no_plain_block_of_samples_is_decoded_whole(tmp_path, change):
+    mosaic = MOSAIC[:32] if change == "few rows" else MOSAIC
+    content = dng(mosaic, black=(256, 250, 256, 258) if change == "levels differ" else (256,), noise_profile=PROFILE)
+    content += b"more" if change == "more behind" else b""
+    path = as_written(tmp_path / "frame.dng", content)
+    if change == "other byte order":
+        tags = tiff.sample_block(content.replace(b"II*\0", b"MM\0*", 1))
+        assert tags is None
+        return
+    mapped = map_raw(path)
+    assert not isinstance(mapped.mosaic, np.memmap)
+    assert equal(mapped, read_raw(path))
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0, 0.999))
 def test_a_truncated_file_is_an_error(part):
@@ -54,9 +87,17 @@ def test_a_truncated_file_is_an_error(part):
         read_raw(content[: int(part * len(content))])
 
 
+@pytest.mark.parametrize("part", [0, 0.001, 0.1, 0.6, 0.999])
+def test_a_truncated_file_is_not_mapped(tmp_path, part):
+    content = dng(MOSAIC, noise_profile=PROFILE)
+    with pytest.raises(ImageError, match=r"short.dng: .*truncated"):
+        map_raw(as_written(tmp_path / "short.dng", content[: int(part * len(content))]))
+
+
 def test_errors_name_the_file(tmp_path):
     missing, text = tmp_path / "gone.dng", tmp_path / "notes.dng"
     text.write_text("not an image" * 100)
     for path in (missing, text):
-        with pytest.raises(ImageError, match=path.name):
-            read_raw(path)
+        for read in (read_raw, map_raw):
+            with pytest.raises(ImageError, match=path.name):
+                read(path)

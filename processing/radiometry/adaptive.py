@@ -1,0 +1,292 @@
+"""Merging a bracket from those parts of its frames alone that tell something.
+
+A sample of exposure t has the information I = t^2 / (r t + read variance) about the radiance r, none where it is
+saturated. To leave out frames of information I_skip beside others of I_read moves the estimate, at random, by
+sqrt(I_skip / (I_read + I_skip)) of its own standard deviation: what stays under a stated share need not be read.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
+
+from processing.errors import ImageError
+from processing.radiometry.hdr import Radiance, merge_exposures
+from processing.radiometry.sensor import PixelCorrection, Sensor
+from processing.radiometry.tile_kernel import tile_extremes
+
+Array = NDArray[np.float64]
+Tiles = NDArray[np.bool_]
+Sample = TypeVar("Sample", bound=np.generic)
+
+SHARE = 0.1  # of its standard deviation by which a result may change: its error grows by half a percent
+TILE_PX = 64
+SURVEY = 12  # one tile of so many is decoded in every frame, for what only the comparison of frames shows
+_LEVEL_RATIO = 1.1
+_MARGIN = 4.0  # standard deviations by which a tile's extremes may be off
+_PHI = 0.6180339887  # golden section: spreads the surveyed tiles evenly over rows and columns
+
+
+@dataclass(frozen=True, eq=False)
+class ReadReport:
+    """Shares of each frame's samples (k,): decoded, skipped as saturated, skipped because other frames tell more."""
+
+    decoded: Array
+    saturated: Array
+    outweighed: Array
+
+    @property
+    def read_ratio(self) -> float:
+        """Bytes decoded over the bytes of all frames."""
+        return float(self.decoded.mean())
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveMerge:
+    """The merged image, and what of the frames it was made from."""
+
+    radiance: Radiance
+    report: ReadReport
+
+
+def merge_adaptively(
+    frames: Sequence[NDArray[np.uint16]],
+    exposure_s: ArrayLike,
+    sensor: Sensor,
+    correction: PixelCorrection | None = None,
+    share: float = SHARE,
+) -> AdaptiveMerge:
+    """Merge frames (h, w), touching no tile of one that would change a result by more than `share` of its deviation.
+
+    Within every tile the rms difference to the merge of all samples is under `share` of the standard deviation. A
+    first frame, the one that most levels need, gives each tile's range of radiance, with noise margins; frames that
+    matter within that range are read, and narrow it. Tiles of the `survey` are read whole. Memory-mapped frames are
+    not read from disk elsewhere, but for the system's whole pages. Share 0 reads all.
+    Raises ImageError where frames, exposures and correction do not fit together.
+    """
+    times = np.asarray(exposure_s, np.float64)
+    _check(frames, times, share)
+    needs = _Needs(times, sensor, share)
+    hot = np.zeros((0, 0), np.bool_) if correction is None else correction.hot
+    reading = _Reading(frames, times, sensor, needs, hot)
+    reading.run(survey(frames[0].shape))
+    return AdaptiveMerge(_merge_tiles(frames, times, sensor, correction, reading.decoded), reading.report())
+
+
+def adaptive_read_ratio(raw_dn: NDArray[np.uint16], exposure_s: ArrayLike, sensor: Sensor) -> float:
+    """Bytes decoded over bytes of all, for a stack (k, h, w), at the default share: the figure of `rig bench hdr`."""
+    return merge_adaptively(list(raw_dn), exposure_s, sensor).report.read_ratio
+
+
+def survey(shape: tuple[int, ...]) -> Tiles:
+    """Which tiles (rows, columns) of images (h, w) are decoded in every frame: one of `SURVEY`, evenly spread."""
+    rows, columns = (-(-size // TILE_PX) for size in shape)
+    number = np.arange(rows)[:, None] * _PHI + np.arange(columns) / SURVEY
+    picked = (number + 0.5 / SURVEY) % 1.0 < 1 / SURVEY
+    picked[rows // 2, columns // 2] = True
+    return picked
+
+
+def tile_slices(tile: tuple[int, int]) -> tuple[slice, slice]:
+    """Rows and columns of a tile."""
+    row, column = tile[0] * TILE_PX, tile[1] * TILE_PX
+    return slice(row, row + TILE_PX), slice(column, column + TILE_PX)
+
+
+def _check(frames: Sequence[NDArray[np.uint16]], times: Array, share: float) -> None:
+    shapes = {frame.shape for frame in frames}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or times.shape != (len(frames),):
+        raise ImageError(
+            f"frames of {sorted(shapes)} with {times.size} exposure times; equal (h, w) and as many needed."
+        )
+    if not (np.isfinite(times) & (times > 0)).all():
+        raise ImageError(f"exposure times must be positive and finite, not {times.tolist()} s.")
+    if not 0 <= share < 1:
+        raise ImageError(f"a share of {share:g}: between 0 (read all) and 1 standard deviation.")
+
+
+class _Needs:
+    """Which frames a range of radiance needs; `shares` (level, k) of the information at rising `levels` (e-/s)."""
+
+    def __init__(self, times: Array, sensor: Sensor, share: float) -> None:
+        dark, sharpest = np.sqrt(sensor.dark_variance_e2), 2 * sensor.saturation_e
+        bottom, top = 0.01 * dark / times.max(), sharpest / times.min()
+        steps = int(np.ceil(np.log(top / bottom) / np.log(_LEVEL_RATIO)))
+        self.levels = np.concatenate([[0.0], np.geomspace(bottom, top, steps + 1)])
+        information = _information(self.levels, times, sensor)
+        # What saturates even the shortest exposure must still be seen to do so.
+        shortest = int(times.argmin())
+        information[:, shortest] = np.maximum(information[:, shortest], 1e-12 * times[shortest] ** 2)
+        self.shares = information / information.sum(axis=1, keepdims=True)
+        self.saturated = np.multiply.outer(self.levels, times) > sensor.saturation_e
+        self._limit = share**2 / (1 + share**2)  # of the deviation of the whole merge
+        self._sets: dict[tuple[int, int], NDArray[np.bool_]] = {}
+
+    @cached_property
+    def first(self) -> int:
+        """The frame that most levels above the noise need; of equals, the middle one."""
+        counts = np.sum([self.frames(i, i) for i in range(len(self.levels))], axis=0)
+        best = np.flatnonzero(counts == counts.max())
+        return int(best[len(best) // 2])
+
+    def interval(self, low: NDArray[np.floating], high: NDArray[np.floating]) -> tuple[NDArray[np.intp], ...]:
+        """Indices of the levels that enclose these ranges."""
+        below = np.searchsorted(self.levels, low, side="right") - 1
+        above = np.searchsorted(self.levels, high, side="left")
+        last = len(self.levels) - 1
+        return np.clip(below, 0, last), np.clip(above, 0, last)
+
+    def frames(self, low: int, high: int) -> NDArray[np.bool_]:
+        """Which frames (k,) must be read where all levels from `low` to `high` may occur."""
+        if (low, high) not in self._sets:
+            shares = self.shares[low : high + 1]
+            largest = shares.max(axis=0)
+            skipped, needed = np.zeros(len(shares)), np.ones(shares.shape[1], np.bool_)
+            for frame in np.argsort(largest, kind="stable")[:-1]:
+                skipped = skipped + shares[:, frame]
+                if skipped.max() > self._limit:
+                    break
+                needed[frame] = False
+            self._sets[low, high] = needed
+        return self._sets[low, high]
+
+    def next(self, low: int, high: int, decoded: NDArray[np.bool_]) -> int:
+        """The undecoded frame that tells most about these levels, of those that are needed; -1 for none."""
+        missing = self.frames(low, high) & ~decoded
+        if not missing.any():
+            return -1
+        return int(np.where(missing, self.shares[low : high + 1].mean(axis=0), -1.0).argmax())
+
+
+def _information(levels: Array, times: Array, sensor: Sensor) -> Array:
+    """Information (level, k) of one sample that is censored at saturation (Tobin 1958)."""
+    mean = np.multiply.outer(levels, times)
+    variance = mean + sensor.dark_variance_e2
+    a = np.clip((sensor.saturation_e - mean) / np.sqrt(variance), -8.0, 8.0)
+    factor = norm.cdf(a) - norm.pdf(a) * (a - norm.pdf(a) / norm.sf(a))
+    return np.asarray(np.where(a <= -8.0, 0.0, factor) * times**2 / variance, np.float64)
+
+
+def _bounds(least: NDArray[np.uint16], greatest: NDArray[np.uint16], sensor: Sensor) -> tuple[Array, Array]:
+    """Range of the mean electrons m of samples y between these: |y - m| <= `_MARGIN` sqrt(m + dark variance)."""
+
+    def spread(electrons: Array) -> Array:
+        return _MARGIN * np.sqrt(np.maximum(electrons + sensor.dark_variance_e2, 0.0) + _MARGIN**2 / 4)
+
+    low, high = (
+        (np.minimum(dn, sensor.white_dn - 0.5) - sensor.black_dn) * sensor.gain_e_per_dn for dn in (least, greatest)
+    )
+    above = np.where(greatest >= sensor.white_dn, np.inf, high + _MARGIN**2 / 2 + spread(high))
+    return np.maximum(low + _MARGIN**2 / 2 - spread(low), 0.0), np.maximum(above, 0.0)
+
+
+class _Reading:
+    """Decides tile by tile which frames are decoded; `decoded` (k, rows, columns of tiles)."""
+
+    def __init__(
+        self, frames: Sequence[NDArray[np.uint16]], times: Array, sensor: Sensor, needs: _Needs, hot: Tiles
+    ) -> None:
+        self._frames, self._times, self._sensor, self._needs, self._hot = frames, times, sensor, needs, hot
+        self._shape = frames[0].shape
+        grid = tuple(-(-size // TILE_PX) for size in self._shape)
+        self._low, self._high = np.zeros(grid), np.full(grid, np.inf)
+        self.decoded = np.zeros((len(frames), *grid), np.bool_)
+
+    def run(self, surveyed: Tiles) -> None:
+        """Read the first frame everywhere, the surveyed tiles of all, and what the ranges then ask for."""
+        self._read(self._needs.first, np.argwhere(np.ones_like(surveyed)))
+        waiting = np.argwhere(~surveyed)
+        while len(waiting):
+            wanted = self._wanted(waiting)
+            for frame in np.unique(wanted[wanted >= 0]):
+                self._read(int(frame), waiting[wanted == frame])
+            waiting = waiting[wanted >= 0]
+        self.decoded[:, surveyed] = True
+
+    def _wanted(self, tiles: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The frame that each tile needs next, -1 for none; tiles in the same state are decided once."""
+        y, x = tiles.T
+        below, above = self._needs.interval(self._low[y, x], self._high[y, x])
+        states = np.column_stack([below, above, self.decoded[:, y, x].T])
+        distinct, which = np.unique(states, axis=0, return_inverse=True)
+        wanted = [self._needs.next(int(state[0]), int(state[1]), state[2:].astype(np.bool_)) for state in distinct]
+        return np.array(wanted)[np.ravel(which)]
+
+    def _read(self, frame: int, tiles: NDArray[np.intp]) -> None:
+        """Touch these tiles of a frame and narrow their ranges."""
+        y, x = tiles.T
+        least, greatest = tile_extremes(self._frames[frame], tiles, TILE_PX, self._hot)
+        low, high = _bounds(least, greatest, self._sensor)
+        low, high = np.maximum(self._low[y, x], low / self._times[frame]), high / self._times[frame]
+        high = np.minimum(self._high[y, x], high)
+        # Where something moved the bounds of two frames may contradict each other: then both are kept.
+        self._low[y, x], self._high[y, x] = np.minimum(low, high), np.maximum(low, high)
+        self.decoded[frame, y, x] = True
+
+    def report(self) -> ReadReport:
+        height, width = self._shape
+        rows = np.minimum(TILE_PX, height - TILE_PX * np.arange(self.decoded.shape[1]))
+        columns = np.minimum(TILE_PX, width - TILE_PX * np.arange(self.decoded.shape[2]))
+        weight = np.multiply.outer(rows, columns) / (height * width)
+        saturated = ~self.decoded & np.moveaxis(
+            self._needs.saturated[self._needs.interval(self._low, self._high)[0]], -1, 0
+        )
+        outweighed = ~self.decoded & ~saturated
+        return ReadReport(*((one * weight).sum(axis=(1, 2)) for one in (self.decoded, saturated, outweighed)))
+
+
+def _merge_tiles(
+    frames: Sequence[NDArray[np.uint16]],
+    times: Array,
+    sensor: Sensor,
+    correction: PixelCorrection | None,
+    decoded: Tiles,
+) -> Radiance:
+    """Merge the tiles that have the same frames in one call each."""
+    shape = frames[0].shape
+    merged = Radiance(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8))
+    for used, tiles in _alike(decoded, shape):
+        stack = np.stack([_gather(frames[i], tiles) for i in used])
+        part = merge_exposures(stack, times[used], sensor, _gathered(correction, tiles))
+        _scatter(merged.value, part.value, tiles)
+        _scatter(merged.variance, part.variance, tiles)
+        _scatter(merged.status, part.status, tiles)
+    return merged
+
+
+def _alike(decoded: Tiles, shape: tuple[int, ...]) -> Iterator[tuple[NDArray[np.intp], list[tuple[slice, slice]]]]:
+    """Sets of frames with the tiles, of one size, that have them."""
+    groups: dict[tuple[bytes, bool, bool], list[tuple[int, int]]] = {}
+    rows, columns = decoded.shape[1:]
+    for y, x in np.ndindex(rows, columns):
+        edge = (y == rows - 1 and shape[0] % TILE_PX > 0, x == columns - 1 and shape[1] % TILE_PX > 0)
+        groups.setdefault((decoded[:, y, x].tobytes(), *edge), []).append((y, x))
+    for (bits, *_), tiles in groups.items():
+        yield np.flatnonzero(np.frombuffer(bits, np.bool_)), [tile_slices(tile) for tile in tiles]
+
+
+def _gather(image: NDArray[Sample], tiles: list[tuple[slice, slice]]) -> NDArray[Sample]:
+    """The tiles' pixels, one row each tile's."""
+    return np.stack([image[tile].ravel() for tile in tiles])
+
+
+def _scatter(image: NDArray[Sample], pixels: NDArray[Sample], tiles: list[tuple[slice, slice]]) -> None:
+    for row, tile in zip(pixels, tiles, strict=True):
+        image[tile] = row.reshape(image[tile].shape)
+
+
+def _gathered(correction: PixelCorrection | None, tiles: list[tuple[slice, slice]]) -> PixelCorrection | None:
+    if correction is None:
+        return None
+    return PixelCorrection(
+        _gather(correction.offset_dn, tiles),
+        _gather(correction.dark_e_s, tiles),
+        _gather(correction.flat, tiles),
+        _gather(correction.hot, tiles),
+        None if correction.dark_variance is None else _gather(correction.dark_variance, tiles),
+        None if correction.flat_variance is None else _gather(correction.flat_variance, tiles),
+    )

@@ -1,15 +1,12 @@
-"""Benchmarks of a checkout: what `rig bench` runs, writes and draws."""
+"""Benchmarks of a checkout: what `rig bench` runs and writes."""
 
 import importlib.util
-import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-
-from matplotlib.figure import Figure
 
 from rig.errors import ConfigError
 from service.machine import machine, versions
@@ -22,8 +19,9 @@ FOLDER = CHECKOUT / "tests" / "benchmarks"
 class Result:
     """What one benchmark measured.
 
-    `figures` are the named numbers; each row of `rows` is one method on one input, with `method`, `seconds` and
-    `error` where it is to appear in the report, and `peer` where it is another package's.
+    `figures` are the named numbers; each row of `rows` is one method on one input. A row with `method`, `seconds` and
+    `error` appears in the report, as a peer where `peer` is true, with the `size` of its input and the `bound` under
+    its error where it names them.
     """
 
     figures: Mapping[str, float]
@@ -54,27 +52,6 @@ def run_benchmark(name: str, *, quick: bool) -> dict[str, Any]:
         "machine": machine(),
         "versions": versions(),
     }
-
-
-def draw_report(records: Sequence[Path], picture: Path) -> int:
-    """Draw run time against error of every row that has both, one colour per benchmark, peers hollow; count them."""
-    figure = Figure(figsize=(9, 6), layout="constrained")
-    axes = figure.subplots()
-    drawn = 0
-    for path in records:
-        record = json.loads(path.read_text())
-        rows = [row for row in record["rows"] if "seconds" in row and "error" in row]
-        for row in rows:
-            filled = "none" if row.get("peer") else None
-            points = axes.scatter(row["seconds"], row["error"], facecolors=filled, edgecolors=f"C{drawn % 10}")
-            points.set_zorder(3)
-            axes.annotate(f"{record['bench']}: {row['method']}", (row["seconds"], row["error"]), fontsize=8,
-                          xytext=(5, 4), textcoords="offset points")  # fmt: skip
-            drawn += 1
-    axes.set(xscale="log", yscale="log", xlabel="run time in s", ylabel="relative error (hollow: peers)")
-    axes.grid(alpha=0.3)
-    figure.savefig(picture, dpi=120)
-    return drawn
 
 
 def _load(path: Path) -> ModuleType:

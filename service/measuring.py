@@ -15,6 +15,7 @@ from processing.radiometry.bracket import merge_files, write_merged
 from processing.radiometry.hdr import PixelStatus
 from render.picture import save_image
 from service import bench
+from service.bench_report import draw_report
 from service.files import replaced
 from service.pictures import check_still, save_stripes
 
@@ -92,7 +93,7 @@ def benchmark(name: str, *, quick: bool, to: Path | None, as_json: bool, records
     if name == "report":
         found = sorted(records.glob("bench-*.json"))
         picture = records / "bench-report.png"
-        yield f"{picture}: {bench.draw_report(found, picture)} points from {len(found)} records"
+        yield f"{picture}: {draw_report(found, picture)} points from {len(found)} records"
         return
     record = bench.run_benchmark(name, quick=quick)
     whole = json.dumps(record, indent=2)

@@ -2,10 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from rig.errors import ConfigError
 from service import bench
+from service.bench_report import report_figure
 from service.measuring import benchmark
 
 
@@ -40,3 +43,26 @@ def test_a_record_carries_figures_rows_machine_and_versions(tmp_path, monkeypatc
 def test_an_unknown_benchmark_names_the_known_ones():
     with pytest.raises(ConfigError, match="demo"):
         bench.run_benchmark("speed", quick=True)
+
+
+@pytest.mark.parametrize("bound", [{}, {"bound": 1.0}])
+def test_labels_of_the_report_do_not_touch(bound):
+    """Fifteen methods with nearly the same error, one far off, one a little under the bound."""
+    errors = [0.998, *np.linspace(1, 1.001, 15), 40.0]
+    rows = [
+        {"method": f"method {i}", "seconds": 0.1 * (1 + i % 4), "error": e, "peer": i > 0, "size": size} | bound
+        for i, e in enumerate(errors)
+        for size in ("small", "large")
+    ]
+    figure = report_figure([("first", rows), ("second", rows[:4])])
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [Text.get_window_extent(text) for text in axes.texts if text.get_text().startswith("method")]
+        assert len(boxes) == len({row["method"] for row in (rows if axes is figure.axes[0] else rows[:4])})
+        for i, box in enumerate(boxes):
+            assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
+            assert not any(box.y0 < other.y1 and other.y0 < box.y1 for other in boxes[i + 1 :])
+
+
+def test_a_report_without_points_says_so():
+    assert [text.get_text() for text in report_figure([]).texts] == ["no record with run time and error"]

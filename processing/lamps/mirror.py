@@ -1,0 +1,325 @@
+"""Places of lamps from their images in a mirror ball, all together.
+
+Model: each lamp is fixed in the frame of its carrier, which turns about the rig's Z; the ball rests somewhere near its
+seat and is perfectly round; each camera's images near the ball may be off by a common, small shift. A highlight lies
+where the ball's normal halves the angle between the ways to the lamp and to the camera: an exact reflection, both near.
+Several cameras and angles see the same lamp by different normals; that places the ball, and tells distances a little.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.cameras.calibration import CameraModel
+from processing.errors import CalibrationError
+from processing.lamps.highlight import Highlight
+from processing.lamps.model import LampPlaces, NominalLamp, nominal_places
+from processing.robust import biweight, bulk_deviation
+
+Array = NDArray[np.float64]
+# What is believed before a highlight is seen, one sigma.
+SEAT_SIGMA_M = 0.005  # of the ball's centre about its seat
+SHIFT_SIGMA_PX = 0.05  # of a calibrated camera's images near the ball
+AXIS_SIGMA_RAD = radians(0.005)  # of the angle at which a carrier stands
+SPOT_SIGMA_PX = 0.003  # what the shape of a spot adds to its noise
+_ROUNDS = 5
+_MOST_ITERATIONS = 30
+_STEP_M = 1e-4  # of the central differences; distances are 1 m
+_REFLECTIONS = 12  # each gains a factor of distance over radius, 15 and more
+
+
+@dataclass(frozen=True, slots=True)
+class Ball:
+    """A mirror ball: where its centre (3,) is meant to be, rig frame, and its radius, metres."""
+
+    seat_m: Array
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """The spots that one camera saw near a lamp's image, the brightest first, its carrier standing at an angle."""
+
+    lamp: str
+    camera: str
+    angle_rad: float
+    spots: tuple[Highlight, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class MirrorFit:
+    """Places of the lamps after the mirror ball, and the ball's centre (3,).
+
+    `residual_px` (sightings, 2) is found less predicted, NaN where nothing was seen, and `weight` (sightings,) is 0
+    where it took no part. `excess` is the weighted mean square of the residuals over their noise, per degree of
+    freedom; the covariance is enlarged by it where it exceeds 1.
+    """
+
+    places: LampPlaces
+    centre_m: Array
+    residual_px: Array
+    weight: Array
+    excess: float
+
+
+def reflection_points(centre_m: Array, radius_m: float, sources_m: Array, eyes_m: Array) -> Array:
+    """Points (n, 3) of a ball in which eyes (n, 3) see point sources (n, 3), by fixed point of the halving normal."""
+    normal = _unit(_unit(sources_m - centre_m) + _unit(eyes_m - centre_m))
+    for _ in range(_REFLECTIONS):
+        at = centre_m + radius_m * normal
+        normal = _unit(_unit(sources_m - at) + _unit(eyes_m - at))
+    return np.asarray(centre_m + radius_m * normal, np.float64)
+
+
+def locate_lamps(
+    sightings: Sequence[Sighting],
+    cameras: Mapping[str, CameraModel],
+    nominal: Mapping[str, NominalLamp],
+    ball: Ball,
+) -> MirrorFit:
+    """Lamps, ball and shifts that explain all highlights, outliers left out (Tukey's biweight).
+
+    Lamps that no sighting shows stay at their nominal place with the deviation that is believed beforehand. Where a
+    sighting has several spots, the brightest starts and the one nearest to the prediction ends.
+    Raises CalibrationError where nothing at all was seen, or a camera or lamp is not known.
+    """
+    unknown = [s.camera for s in sightings if s.camera not in cameras] + [
+        s.lamp for s in sightings if s.lamp not in nominal
+    ]
+    if unknown:
+        raise CalibrationError(f"a highlight belongs to {unknown[0]}, which is not calibrated or not in rig.toml.")
+    if not any(sighting.spots for sighting in sightings):
+        raise CalibrationError("no lamp was seen in the mirror ball; check its place, the lamps and the exposures.")
+    problem = _Problem(tuple(sightings), cameras, nominal, ball)
+    brightest = [s.spots[0] if s.spots else None for s in sightings]
+    state = problem.solve(problem.start(), _Spots.of(brightest)).state
+    predicted = problem.predict(state)
+    nearest = [
+        min(s.spots, key=lambda spot: float(np.hypot(*(spot.uv_px - uv)))) if s.spots else None
+        for s, uv in zip(sightings, predicted, strict=True)
+    ]
+    spots = _Spots.of(nearest)
+    return problem.describe(problem.solve(state, spots), spots)
+
+
+@dataclass(frozen=True, eq=False)
+class _Spots:
+    """Where highlights were found (n, 2), NaN where none was, and what whitens their noise (n, 2, 2)."""
+
+    uv_px: Array
+    whitener: Array
+
+    @classmethod
+    def of(cls, chosen: Sequence[Highlight | None]) -> "_Spots":
+        uv_px = np.stack([np.full(2, np.nan) if spot is None else spot.uv_px for spot in chosen])
+        covariance = np.stack([np.eye(2) if spot is None else spot.covariance_px2 for spot in chosen])
+        return cls(uv_px, np.linalg.inv(np.linalg.cholesky(covariance + SPOT_SIGMA_PX**2 * np.eye(2))))
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        return np.asarray(np.isfinite(self.uv_px).all(axis=1), np.bool_)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """All unknowns, the sightings' weights, and the normal matrix with and without the priors."""
+
+    state: Array
+    weight: Array
+    normal: Array
+    measured: Array
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The unknowns are one vector: lamps (3 each), ball (3), shift of each camera (2), angle of each stand (1)."""
+
+    sightings: tuple[Sighting, ...]
+    cameras: Mapping[str, CameraModel]
+    nominal: Mapping[str, NominalLamp]
+    ball: Ball
+
+    @cached_property
+    def lamps(self) -> list[str]:
+        return sorted(self.nominal)
+
+    @cached_property
+    def seeing(self) -> list[str]:
+        return sorted({sighting.camera for sighting in self.sightings})
+
+    @cached_property
+    def stands(self) -> list[tuple[str, float]]:
+        return sorted({self._stand(sighting) for sighting in self.sightings})
+
+    @cached_property
+    def index(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], Array]:
+        """Of every sighting: lamp, camera, stand, and the carrier's angle."""
+        columns = [
+            (self.lamps.index(s.lamp), self.seeing.index(s.camera), self.stands.index(self._stand(s)))
+            for s in self.sightings
+        ]
+        lamp, camera, stand = np.array(columns, np.intp).T
+        return lamp, camera, stand, np.array([s.angle_rad for s in self.sightings])
+
+    def _stand(self, sighting: Sighting) -> tuple[str, float]:
+        return self.nominal[sighting.lamp].mount, sighting.angle_rad
+
+    def start(self) -> Array:
+        """Everything as nominal."""
+        places = self._believed.positions_m.ravel()
+        return np.concatenate([places, self.ball.seat_m, np.zeros(2 * len(self.seeing) + len(self.stands))])
+
+    def parts(self, state: Array) -> tuple[Array, Array, Array, Array]:
+        """Lamps (n, 3), ball (3,), shifts (cameras, 2), stands (k,)."""
+        a = 3 * len(self.lamps)
+        b = a + 3 + 2 * len(self.seeing)
+        return state[:a].reshape(-1, 3), state[a : a + 3], state[a + 3 : b].reshape(-1, 2), state[b:]
+
+    def predict(self, state: Array) -> Array:
+        """Image points (sightings, 2)."""
+        _, camera, _, _ = self.index
+        _, centre, shifts, _ = self.parts(state)
+        return self._image(self._sources(state), centre) + shifts[camera]
+
+    def _sources(self, state: Array) -> Array:
+        """Where each sighting's lamp stands (sightings, 3), rig frame."""
+        lamp, _, stand, angle_rad = self.index
+        places, _, _, turns = self.parts(state)
+        return _turned(places[lamp], angle_rad + turns[stand])
+
+    def _image(self, sources: Array, centres: Array) -> Array:
+        _, camera, _, _ = self.index
+        eyes = np.stack([self.cameras[name].centre_m for name in self.seeing])[camera]
+        at = reflection_points(centres, self.ball.radius_m, sources, eyes)
+        uv_px = np.empty((len(at), 2))
+        for number, name in enumerate(self.seeing):
+            mine = camera == number
+            uv_px[mine] = self.cameras[name].project(at[mine])
+        return uv_px
+
+    def _jacobian(self, state: Array) -> Array:
+        """Slopes (sightings, 2, unknowns) of `predict`: of the reflection by central differences, the rest by rule."""
+        lamp, camera, stand, angle_rad = self.index
+        _, centre, _, turns = self.parts(state)
+        sources, every = self._sources(state), np.arange(len(lamp))
+        jacobian = np.zeros((len(lamp), 2, len(state)))
+        first_shift, first_stand = 3 * len(self.lamps) + 3, 3 * len(self.lamps) + 3 + 2 * len(self.seeing)
+        by_source = np.empty((len(lamp), 2, 3))
+        for k, step in enumerate(_STEP_M * np.eye(3)):
+            by_source[..., k] = (self._image(sources + step, centre) - self._image(sources - step, centre)) / (
+                2 * _STEP_M
+            )
+            by_centre = (self._image(sources, centre + step) - self._image(sources, centre - step)) / (2 * _STEP_M)
+            jacobian[..., 3 * len(self.lamps) + k] = by_centre
+        for k, axis in enumerate(np.eye(3)):
+            turned = _turned(np.broadcast_to(axis, sources.shape), angle_rad + turns[stand])
+            jacobian[every, :, 3 * lamp + k] = np.einsum("nij,nj->ni", by_source, turned)
+        around = np.column_stack([-sources[:, 1], sources[:, 0], np.zeros(len(sources))])
+        jacobian[every, :, first_stand + stand] = np.einsum("nij,nj->ni", by_source, around)
+        for k in range(2):
+            jacobian[every, k, first_shift + 2 * camera + k] = 1.0
+        return jacobian
+
+    def priors(self, state: Array) -> Array:
+        """Departures from what is believed beforehand, in its sigmas; linear in the state."""
+        places, centre, shifts, turns = self.parts(state)
+        off = self._unsettled @ (places.ravel() - self._believed.positions_m.ravel())
+        seat = (centre - self.ball.seat_m) / SEAT_SIGMA_M
+        return np.concatenate([off, seat, shifts.ravel() / SHIFT_SIGMA_PX, turns / AXIS_SIGMA_RAD])
+
+    @cached_property
+    def _believed(self) -> LampPlaces:
+        return nominal_places(self.nominal)
+
+    @cached_property
+    def _unsettled(self) -> Array:
+        """Whitens departures from the nominal places."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self._believed.covariance_m2)), np.float64)
+
+    @cached_property
+    def _prior_jacobian(self) -> Array:
+        zero = self.priors(np.zeros_like(self.start()))
+        return np.column_stack([self.priors(unit) - zero for unit in np.eye(len(self.start()))])
+
+    def solve(self, state: Array, spots: _Spots) -> _Solution:
+        """Least squares in rounds, each with the weights that the residuals of the one before give."""
+        weight = spots.seen.astype(np.float64)
+        for _ in range(_ROUNDS):
+            solution = self._minimise(state, weight, spots)
+            state = solution.state
+            size = np.linalg.norm(self._whitened(state, spots), axis=1) / np.sqrt(2)
+            scale = max(bulk_deviation(size[spots.seen]), 1.0)
+            weight = np.where(spots.seen, biweight(np.where(spots.seen, size, 0.0), scale), 0.0)
+        return solution
+
+    def _minimise(self, state: Array, weight: Array, spots: _Spots) -> _Solution:
+        """Levenberg-Marquardt: the reflection is nearly linear in small displacements, a few steps end it."""
+        damping, cost = 1e-6, np.inf
+        for _ in range(_MOST_ITERATIONS):
+            whitened = self._whitened(state, spots) * np.sqrt(weight)[:, None]
+            slopes = np.einsum("nij,njk->nik", spots.whitener, self._jacobian(state)) * np.sqrt(weight)[:, None, None]
+            slopes[~spots.seen] = 0.0
+            whitened[~spots.seen] = 0.0
+            departures, prior = self.priors(state), self._prior_jacobian
+            measured = np.einsum("nik,nil->kl", slopes, slopes)
+            normal = measured + prior.T @ prior
+            gradient = np.einsum("nik,ni->k", slopes, whitened) - prior.T @ departures
+            step, state, damping, new_cost = self._step(state, (normal, gradient, damping), weight, spots)
+            if cost - new_cost < 1e-9 * new_cost or not step.any():
+                break
+            cost = new_cost
+        return _Solution(state, weight, normal, measured)
+
+    def _step(
+        self, state: Array, system: tuple[Array, Array, float], weight: Array, spots: _Spots
+    ) -> tuple[Array, Array, float, float]:
+        """A step that lowers the cost, the state after it, the next damping, and the cost; zero where none does."""
+        normal, gradient, damping = system
+        here = self._cost(state, weight, spots)
+        scale = 1 / np.sqrt(np.diag(normal))
+        while damping < 1e9:
+            scaled = normal * np.outer(scale, scale) + damping * np.eye(len(state))
+            step = scale * np.linalg.solve(scaled, scale * gradient)
+            cost = self._cost(state + step, weight, spots)
+            if cost <= here:
+                return step, state + step, max(damping / 10, 1e-12), cost
+            damping *= 10
+        return np.zeros_like(state), state, damping, here
+
+    def _cost(self, state: Array, weight: Array, spots: _Spots) -> float:
+        whitened = np.nan_to_num(self._whitened(state, spots), nan=0.0)
+        return float(np.sum(weight[:, None] * whitened**2) + np.sum(self.priors(state) ** 2))
+
+    def _whitened(self, state: Array, spots: _Spots) -> Array:
+        """Found less predicted (sightings, 2) in units of its noise, NaN where nothing was seen."""
+        return np.asarray(np.einsum("nij,nj->ni", spots.whitener, spots.uv_px - self.predict(state)), np.float64)
+
+    def describe(self, solution: _Solution, spots: _Spots) -> MirrorFit:
+        """The result with its covariance."""
+        state, weight = solution.state, solution.weight
+        scale = 1 / np.sqrt(np.diag(solution.normal))
+        inverse = np.linalg.inv(solution.normal * np.outer(scale, scale)) * np.outer(scale, scale)
+        used = weight > 0
+        # What the priors, and not the highlights, determine is no freedom spent.
+        freedom = max(2 * float(weight.sum()) - float(np.trace(inverse @ solution.measured)), 1.0)
+        whitened = self._whitened(state, spots)[used]
+        excess = float(np.sum(weight[used, None] * whitened**2)) / freedom
+        places, centre, _, _ = self.parts(state)
+        covariance = inverse[: places.size, : places.size] * max(excess, 1.0)
+        residual_px = spots.uv_px - self.predict(state)
+        found = LampPlaces(tuple(self.lamps), places.copy(), covariance)
+        return MirrorFit(found, centre.copy(), residual_px, weight, excess)
+
+
+def _turned(points_m: Array, angle_rad: Array) -> Array:
+    """Points (n, 3) turned about Z by angles (n,)."""
+    (x, y, z), c, s = points_m.T, np.cos(angle_rad), np.sin(angle_rad)
+    return np.column_stack([x * c - y * s, x * s + y * c, z])
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True), np.float64)

@@ -31,9 +31,10 @@ class HolderLayout:
 
 @dataclass(frozen=True, slots=True)
 class BoardLayout:
-    """The ChArUco board: its centre at the rig origin in pose 0, columns along +X, rows of the print along -Y.
+    """The ChArUco board: in pose 0 its centre near the rig origin, columns along +X, rows of the print along -Y.
 
-    So a corner that OpenCV's board puts at (x, y) from the print's top left lies at (x - width/2, height/2 - y, 0).
+    So a corner that OpenCV's board puts at (x, y) from the print's top left lies at (x - width/2, height/2 - y, 0) of
+    the board; see `Layout.rig_from_board`.
     """
 
     columns: int = 7
@@ -187,10 +188,18 @@ class Layout:
         return (lamp.distance_m + away_m) * direction(azimuth_rad + round_rad, lamp.elevation_rad + up_rad)
 
     def rig_from_board(self, pose: int) -> Array:
-        """Rigid transform (4, 4) of the board's centre: 0 is the identity, others tilt by up to 30 deg and shift."""
-        if pose == 0:
-            return np.eye(4)
+        """Rigid transform (4, 4) of the board's centre with the turntable at 0.
+
+        Pose 0 lies on the turntable as well as a hand puts it there: off by up to 0.3 mm, 0.1 deg of tilt and 0.2 deg
+        about the axis. The others tilt by up to 30 deg and shift.
+        """
         rng = np.random.default_rng([self.seed, 7, pose])
+        if pose == 0:
+            toward_rad, off_rad = rng.uniform(-np.pi, np.pi, 2)
+            tilt = radians(rng.uniform(0.02, 0.1)) * np.array([cos(toward_rad), sin(toward_rad), 0.0])
+            spin = np.array([0.0, 0.0, radians(rng.uniform(-0.2, 0.2))])
+            shift_m = rng.uniform(0.0001, 0.0003) * np.array([cos(off_rad), sin(off_rad), 0.0])
+            return transform(rotation(tilt) @ rotation(spin), shift_m)
         azimuth_rad, spin_rad = rng.uniform(-np.pi, np.pi), rng.uniform(-0.5, 0.5)
         tilt_rad = radians(rng.uniform(12, 30))
         axis = np.array([cos(azimuth_rad), sin(azimuth_rad), 0.0])

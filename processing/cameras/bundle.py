@@ -1,104 +1,120 @@
-"""Bundle adjustment: cameras and board poses refined together (Triggs et al. 2000).
+"""Bundle adjustment: lenses, cameras, board poses and the turntable's axis refined together (Triggs et al. 2000).
 
 Cameras that stand around one board measure its pose better together than each alone, and a pose that several cameras
-share ties their focal lengths and distances. Pose 0 is held: it is the rig frame.
+share ties their focal lengths and distances. A board that the turntable turns shows them its axis.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from processing import geometry
 from processing.cameras.board import BoardView
+from processing.cameras.network import Camera, Network, Shot, Views
 from processing.errors import CalibrationError
 from processing.robust import bulk_deviation
 
 Array = NDArray[np.float64]
-CAMERA_PARAMETERS = 15  # fx fy cx cy, k1 k2 p1 p2 k3, turn (3), shift (3)
-CORNER_NOISE_PX = 0.1  # weight of the corners against the priors
-# What is believed before a view is seen, one sigma. Long lenses do not determine their distortion or centre; without
-# these the unseen terms would grow to fit noise. Wide ones outweigh them a thousand times.
+Mask = NDArray[np.bool_]
+CORNER_NOISE_PX = 0.1  # weight of the corners against the priors until the residuals tell it
+# What is believed before a view is seen, one sigma, besides the lens's own. Long lenses do not determine their
+# distortion or centre; without these the unseen terms would grow to fit noise. Wide ones outweigh them a thousandfold.
 CENTRE_SIGMA = 0.03  # principal point off the image's centre, of its width
 ASPECT_SIGMA = 0.001  # fx against fy: pixels are square
-DISTORTION_SIGMA = np.array([0.3, 0.3, 0.005, 0.005, 0.3])
 _ITERATIONS = 60
-_HUBER = 3.0  # corners beyond this many robust deviations count less
+_ROUNDS = 5
+_HUBER = 3.0  # corners beyond this many robust deviations count less,
+_REJECTED = 6.0  # and beyond this many not at all: a wrong corner, not noise
+_LEAST_NOISE_PX = 1e-6
 
 
 @dataclass(frozen=True)
-class Camera:
-    """A camera under adjustment; `rms_px` and `deviation` as in `calibration.CameraModel`."""
+class Adjusted:
+    """A network at its optimum.
 
-    matrix: Array
-    distortion: Array
-    camera_from_rig: Array
-    rms_px: float = float("nan")
-    deviation: Array = field(default_factory=lambda: np.full(CAMERA_PARAMETERS, np.nan))
+    `errors_px` (n, 2) are predicted less found corners of each camera, `accepted` (n,) which of them took part, in the
+    order of the camera's shots. `covariance` (p, p) belongs to the parameters in the network's order, in its gauge.
+    """
 
-
-@dataclass(frozen=True)
-class Network:
-    """Cameras by name, `rig_from_board` by pose."""
-
-    cameras: Mapping[str, Camera]
-    boards: Mapping[int, Array]
-
-    @property
-    def free_boards(self) -> list[int]:
-        """The poses that are adjusted."""
-        return sorted(pose for pose in self.boards if pose != 0)
-
-    @property
-    def parameters(self) -> int:
-        """Number of adjusted numbers."""
-        return CAMERA_PARAMETERS * len(self.cameras) + 6 * len(self.free_boards)
-
-    def moved(self, step: Array) -> "Network":
-        """The network after a step of all parameters; turns act from the left."""
-        cameras = {
-            name: _moved_camera(camera, step[i * CAMERA_PARAMETERS : (i + 1) * CAMERA_PARAMETERS])
-            for i, (name, camera) in enumerate(self.cameras.items())
-        }
-        poses = step[CAMERA_PARAMETERS * len(self.cameras) :].reshape(-1, 6)
-        boards = {pose: _moved(self.boards[pose], s) for pose, s in zip(self.free_boards, poses, strict=True)}
-        return Network(cameras, {**self.boards, **boards})
+    network: Network
+    errors_px: Mapping[str, Array]
+    accepted: Mapping[str, Mask]
+    covariance: Array
 
 
-def adjust(start: Network, views: Mapping[str, Mapping[int, BoardView]]) -> dict[str, Camera]:
-    """Cameras that minimise the squared distance of all corners, outliers counting linearly (Huber).
+def adjust(start: Network, views: Views) -> Adjusted:
+    """The network that minimises the squared distance of all corners; beyond 3 robust sigmas they count linearly.
 
-    Principal point, aspect and distortion start from `start` and are held there by weak priors. The deviations are
-    those of the inverse normal matrix, scaled by the residual.
+    Principal point, aspect and distortion start from `start` and are held there by weak priors. Noise and outliers
+    are judged by the residuals themselves, in rounds. The covariance is that of the inverse normal matrix, scaled by
+    the residuals (Huber 1981, eq. 7.6.5).
     Raises CalibrationError where the views leave some parameter free.
     """
-    plain = _Problem(start, views, np.inf)
-    network = plain.minimise(start)
-    spread_px = bulk_deviation(np.concatenate(list(plain.errors(network).values())))
-    robust = _Problem(start, views, _HUBER * max(spread_px, 1e-3))
-    network = robust.minimise(network)
-    deviations = robust.deviations(network)
-    errors = robust.errors(network)
-    return {
-        name: replace(camera, rms_px=float(np.sqrt(2 * np.mean(errors[name] ** 2))), deviation=deviations[i])
-        for i, (name, camera) in enumerate(network.cameras.items())
-    }
+    sights = {name: _Sight.of(found) for name, found in views.items()}
+    network, noise_px = start, CORNER_NOISE_PX
+    errors = {name: _errors(network, name, sight) for name, sight in sights.items()}
+    accepted: dict[str, Mask] = {name: np.ones(len(sight.uv_px), np.bool_) for name, sight in sights.items()}
+    for _ in range(_ROUNDS):
+        spread_px = _spread(errors)
+        problem = _Problem(start, sights, accepted, _HUBER * spread_px, noise_px)
+        network = problem.minimise(network)
+        errors = {name: _errors(network, name, sight) for name, sight in sights.items()}
+        noise_px = _spread(errors)
+        accepted = {n: np.asarray((np.abs(e) <= _REJECTED * noise_px).all(axis=1)) for n, e in errors.items()}
+        if abs(noise_px - spread_px) <= 1e-3 * spread_px:
+            break
+    return Adjusted(network, errors, accepted, problem.covariance(network))
+
+
+def _spread(errors_px: Mapping[str, Array]) -> float:
+    return max(bulk_deviation(np.concatenate(list(errors_px.values()))), _LEAST_NOISE_PX)
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """All corners that one camera found, shot after shot: `of_shot` (n,) says which one."""
+
+    shots: Sequence[Shot]
+    of_shot: NDArray[np.intp]
+    points_m: Array
+    uv_px: Array
+
+    @classmethod
+    def of(cls, found: Mapping[Shot, BoardView]) -> "_Sight":
+        of_shot = np.repeat(np.arange(len(found)), [len(view.uv_px) for view in found.values()])
+        points_m = np.concatenate([view.points_m for view in found.values()])
+        return cls(tuple(found), of_shot, points_m, np.concatenate([view.uv_px for view in found.values()]))
+
+    def in_rig(self, network: Network) -> Array:
+        """The corners (n, 3) in the rig frame."""
+        boards = np.stack([network.rig_from_board(shot) for shot in self.shots])[self.of_shot]
+        return np.asarray(np.einsum("nij,nj->ni", boards[:, :3, :3], self.points_m) + boards[:, :3, 3])
+
+
+def _errors(network: Network, name: str, sight: _Sight) -> Array:
+    """Predicted less found corners (n, 2)."""
+    camera = network.cameras[name]
+    local = geometry.transform_points(camera.camera_from_rig, sight.in_rig(network))
+    return np.asarray(camera.lens.linearised(local)[0] - sight.uv_px, np.float64)
 
 
 @dataclass(frozen=True)
 class _Problem:
     start: Network
-    views: Mapping[str, Mapping[int, BoardView]]
+    sights: Mapping[str, _Sight]
+    accepted: Mapping[str, Mask]
     threshold_px: float
+    noise_px: float
 
     def minimise(self, network: Network) -> Network:
         """Levenberg-Marquardt, damped in units of the normal matrix's own diagonal (Marquardt 1963)."""
         normal, gradient, cost = self.system(network)
         damping = 1e-3
         for _ in range(_ITERATIONS):
-            step = -_solve(normal + damping * np.diag(np.diag(normal)), gradient)
+            step = -_solve(normal + damping * np.diag(np.diag(normal)), gradient, network)
             trial = network.moved(step)
             trial_normal, trial_gradient, trial_cost = self.system(trial)
             if not trial_cost < cost:
@@ -106,7 +122,7 @@ class _Problem:
                 if damping > 1e8:
                     break
                 continue
-            converged = cost - trial_cost < 1e-9 * cost
+            converged = cost - trial_cost < 1e-10 * cost
             network, normal, gradient, cost = trial, trial_normal, trial_gradient, trial_cost
             damping = max(damping / 10, 1e-12)
             if converged:
@@ -114,114 +130,127 @@ class _Problem:
         return network
 
     def system(self, network: Network) -> tuple[Array, Array, float]:
-        """Normal matrix, gradient and cost at a network."""
-        normal, gradient, cost = self._priors(network)
-        places = {pose: CAMERA_PARAMETERS * len(network.cameras) + 6 * i for i, pose in enumerate(network.free_boards)}
-        for i, (name, camera) in enumerate(network.cameras.items()):
-            for pose, view in self.views[name].items():
-                error, by_camera, by_board = _linearised(camera, network.boards[pose], view)
-                weight = np.minimum(1.0, self.threshold_px / np.maximum(np.abs(error), 1e-12))
-                where = np.arange(CAMERA_PARAMETERS) + i * CAMERA_PARAMETERS
-                jacobian = by_camera
-                if pose in places:
-                    where = np.concatenate([where, places[pose] + np.arange(6)])
-                    jacobian = np.concatenate([by_camera, by_board], axis=1)
-                normal[np.ix_(where, where)] += jacobian.T @ (weight[:, None] * jacobian)
-                gradient[where] += jacobian.T @ (weight * error)
-                cost += _huber(error, self.threshold_px)
+        """Normal matrix, gradient and cost at a network; the cost is infinite where a corner has no image."""
+        normal, gradient, cost = np.zeros((network.parameters,) * 2), np.zeros(network.parameters), 0.0
+        for name, own in network.camera_slices().items():
+            rows = _linearised(network, name, self.sights[name])
+            size = np.abs(rows.error)
+            weight = np.minimum(1.0, self.threshold_px / np.maximum(size, 1e-12)) * np.repeat(self.accepted[name], 2)
+            cost += float((weight * size * (size - 0.5 * np.minimum(size, self.threshold_px))).sum())
+            rows = rows.times(np.sqrt(weight))
+            normal[own, own] += rows.by_camera.T @ rows.by_camera
+            gradient[own] += rows.by_camera.T @ rows.error
+            _add_boards(normal, gradient, network, own, rows)
+            prior, by_lens = _prior(network.cameras[name], self.start.cameras[name], self.noise_px)
+            lens = slice(own.start, own.start + by_lens.shape[1])
+            normal[lens, lens] += by_lens.T @ by_lens
+            gradient[lens] += by_lens.T @ prior
+            cost += 0.5 * float(prior @ prior)
         return normal, gradient, cost if np.isfinite(cost) else np.inf
 
-    def _priors(self, network: Network) -> tuple[Array, Array, float]:
-        normal = np.zeros((network.parameters, network.parameters))
-        gradient, cost = np.zeros(network.parameters), 0.0
-        for i, (name, camera) in enumerate(network.cameras.items()):
-            error, jacobian = _prior(camera, self.start.cameras[name])
-            where = slice(i * CAMERA_PARAMETERS, i * CAMERA_PARAMETERS + 9)
-            normal[where, where] = jacobian.T @ jacobian
-            gradient[where] = jacobian.T @ error
-            cost += _huber(error, np.inf)
-        return normal, gradient, cost
-
-    def errors(self, network: Network) -> dict[str, Array]:
-        """Predicted minus found corners of every camera, (2 n,) in pixels."""
-        return {
-            name: np.concatenate(
-                [_linearised(camera, network.boards[pose], v)[0] for pose, v in self.views[name].items()]
-            )
-            for name, camera in network.cameras.items()
-        }
-
-    def deviations(self, network: Network) -> Array:
-        """One-sigma uncertainties (cameras, 15)."""
-        normal, _, cost = self.system(network)
-        seen = sum(2 * len(v.uv_px) for found in self.views.values() for v in found.values())
-        variance = 2 * cost / max(seen + 8 * len(network.cameras) - network.parameters, 1)
+    def covariance(self, network: Network) -> Array:
+        """Of all parameters: inverse normal matrix times the variance of the corners, as M-estimates have it."""
+        normal, _, _ = self.system(network)
+        residuals = [_errors(network, name, sight)[self.accepted[name]] for name, sight in self.sights.items()]
+        error = np.concatenate(residuals).ravel()
+        held = np.clip(error, -self.threshold_px, self.threshold_px)
+        inside = float((np.abs(error) <= self.threshold_px).mean())
+        # The priors count as observations: three and the distortion of each lens.
+        beliefs = sum(camera.lens.parameters - 1 for camera in network.cameras.values())
+        freedom = max(len(error) + beliefs - network.parameters, 1)
+        departures = np.concatenate([
+            _prior(camera, self.start.cameras[name], self.noise_px)[0] for name, camera in network.cameras.items()
+        ])  # fmt: skip
+        variance = float(held @ held + departures @ departures) / freedom / inside
         # Scaled to a unit diagonal first: pixels and radians differ by many decades.
         scale = 1 / np.sqrt(np.diag(normal))
-        covariance = _solve(normal * np.outer(scale, scale), np.eye(network.parameters)) * np.outer(scale, scale)
-        diagonal = np.diag(covariance)[: CAMERA_PARAMETERS * len(network.cameras)]
-        return np.sqrt(variance * np.maximum(diagonal, 0)).reshape(-1, CAMERA_PARAMETERS)
+        scaled = np.outer(scale, scale)
+        inverse = _solve(normal * scaled, np.eye(network.parameters), network) * scaled
+        return np.asarray(variance * inverse, np.float64)
 
 
-def _linearised(camera: Camera, rig_from_board: Array, view: BoardView) -> tuple[Array, Array, Array]:
-    """Error (2 n,) and its derivatives by the camera's (2 n, 15) and the board's (2 n, 6) parameters."""
-    in_rig = geometry.transform_points(rig_from_board, view.points_m)
-    local = geometry.transform_points(camera.camera_from_rig, in_rig)
-    zero = np.zeros(3)
-    uv_px, by_opencv = cv2.projectPoints(local, zero, zero, camera.matrix, camera.distortion)
-    by_opencv = np.asarray(by_opencv, np.float64)
-    by_local = np.asarray(by_opencv[:, 3:6], np.float64).reshape(-1, 2, 3)
-    turned = camera.camera_from_rig[:3, :3]
-    by_camera = np.concatenate([by_opencv[:, 6:15], _by_pose(by_local, local - camera.camera_from_rig[:3, 3])], axis=1)
-    by_board = _by_pose(np.asarray(by_local @ turned), in_rig - rig_from_board[:3, 3])
-    return (np.asarray(uv_px)[:, 0] - view.uv_px).ravel(), by_camera, by_board
+@dataclass(frozen=True)
+class _Rows:
+    """Errors (2 n,) of one camera, derivatives by the camera (2 n, c) and by a board (2 n, 6), and its pose (2 n,)."""
+
+    error: Array
+    by_camera: Array
+    by_board: Array
+    pose: NDArray[np.int64]
+
+    def times(self, weight: Array) -> "_Rows":
+        return _Rows(self.error * weight, self.by_camera * weight[:, None], self.by_board * weight[:, None], self.pose)
+
+
+def _linearised(network: Network, name: str, sight: _Sight) -> _Rows:
+    camera = network.cameras[name]
+    turns = np.stack([geometry.rotation_z(shot.turntable_rad)[:3, :3] for shot in sight.shots])[sight.of_shot]
+    boards = np.stack([network.boards[shot.pose][:3, :3] for shot in sight.shots])[sight.of_shot]
+    local = geometry.transform_points(camera.camera_from_rig, sight.in_rig(network))
+    uv_px, by_lens, by_local = camera.lens.linearised(local)
+    by_camera = np.concatenate([by_lens, _by_pose(by_local, local - camera.camera_from_rig[:3, 3])], axis=2)
+    on_table = (by_local @ camera.camera_from_rig[:3, :3]) @ turns  # the board's parameters act before the table turns
+    by_board = _by_pose(on_table, np.einsum("nij,nj->ni", boards, sight.points_m))
+    pose = np.array([shot.pose for shot in sight.shots])[sight.of_shot]
+    error = np.asarray(uv_px - sight.uv_px, np.float64).ravel()
+    return _Rows(error, by_camera.reshape(len(error), -1), by_board.reshape(len(error), -1), np.repeat(pose, 2))
 
 
 def _by_pose(by_point: Array, turned: Array) -> Array:
-    """Derivative (2 n, 6) by a left turn and a shift of points `turned` (n, 3) about the frame's origin."""
+    """Derivative (n, 2, 6) by a left turn and a shift of points `turned` (n, 3) about the frame's origin."""
     # d(exp(w) p) / dw = -[p]x, so each row g of the derivative by the point gives p x g.
-    by_turn = np.cross(turned[:, None, :], by_point)
-    return np.concatenate([by_turn, by_point], axis=2).reshape(-1, 6)
+    return np.concatenate([np.cross(turned[:, None, :], by_point), by_point], axis=2)
 
 
-def _prior(camera: Camera, start: Camera) -> tuple[Array, Array]:
-    """Weighted departure (8,) from what is believed, and its derivative (8, 9) by the intrinsics."""
-    focal, centre = camera.matrix[0, 0], camera.matrix[:2, 2]
+def _add_boards(normal: Array, gradient: Array, network: Network, own: slice, rows: _Rows) -> None:
+    """Add the boards' blocks of one camera's corners to normal matrix and gradient."""
+    places = network.board_slices()
+    for pose in np.unique(rows.pose):
+        chosen, place = rows.pose == pose, places[pose]
+        board = rows.by_board[chosen][:, list(network.free(pose))]
+        across = board.T @ rows.by_camera[chosen]
+        normal[place, place] += board.T @ board
+        normal[place, own] += across
+        normal[own, place] += across.T
+        gradient[place] += board.T @ rows.error[chosen]
+
+
+def _prior(camera: Camera, start: Camera, noise_px: float) -> tuple[Array, Array]:
+    """Weighted departure (3 + k,) from what is believed, and its derivative (3 + k, 4 + k) by the lens."""
+    lens, first = camera.lens, start.lens
+    focal, believed = lens.matrix[[0, 1], [0, 1]], first.matrix[:2, 2]
+    centre_px = CENTRE_SIGMA * 2 * believed[0]
     sigma = np.concatenate([
-        np.full(2, CENTRE_SIGMA * 2 * start.matrix[0, 2]), [ASPECT_SIGMA * start.matrix[0, 0]], DISTORTION_SIGMA
+        np.full(2, centre_px), [ASPECT_SIGMA * first.matrix[0, 0]], lens.distortion_sigma
     ])  # fmt: skip
-    departure: Array = np.concatenate([centre - start.matrix[:2, 2], [focal - camera.matrix[1, 1]], camera.distortion])
-    jacobian = np.zeros((8, 9))
+    departure = np.concatenate([lens.matrix[:2, 2] - believed, [focal[0] - focal[1]], lens.distortion])
+    jacobian = np.zeros((len(departure), lens.parameters))
     jacobian[[0, 1], [2, 3]] = 1
     jacobian[2, :2] = 1, -1
-    jacobian[3:, 4:] = np.eye(5)
-    weight = CORNER_NOISE_PX / sigma
+    jacobian[3:, 4:] = np.eye(len(lens.distortion))
+    weight = noise_px / sigma
     return np.asarray(weight * departure, np.float64), np.asarray(weight[:, None] * jacobian, np.float64)
 
 
-def _huber(error: Array, threshold: float) -> float:
-    size = np.abs(error)
-    return float(np.sum(np.where(size <= threshold, 0.5 * size**2, threshold * (size - 0.5 * threshold))))
+def _solve(matrix: Array, right: Array, network: Network) -> Array:
+    """Solution of the normal equations, whose cameras meet boards only and boards cameras only.
 
-
-def _solve(matrix: Array, right: Array) -> Array:
+    The group with more parameters is eliminated block by block (Schur's complement), which leaves a small system.
+    """
+    cameras, boards = list(network.camera_slices().values()), list(network.board_slices().values())
+    border, end = boards[0].start, len(matrix)
+    blocks, kept = (cameras, slice(border, end)) if 2 * border >= end else (boards, slice(0, border))
     try:
-        return np.asarray(np.linalg.solve(matrix, right), np.float64)
+        lifts = [np.linalg.solve(matrix[block, block], matrix[block, kept]) for block in blocks]
+        own = [np.linalg.solve(matrix[block, block], right[block]) for block in blocks]
+        reduced, rest = matrix[kept, kept].copy(), right[kept].copy()
+        for block, lift in zip(blocks, lifts, strict=True):
+            reduced -= matrix[kept, block] @ lift
+            rest -= lift.T @ right[block]
+        solved = np.empty_like(right)
+        solved[kept] = cho_solve(cho_factor(reduced, check_finite=False), rest, check_finite=False)
     except np.linalg.LinAlgError as error:
         raise CalibrationError("the views leave a parameter free; tilt the board in more directions.") from error
-
-
-def _moved_camera(camera: Camera, step: Array) -> Camera:
-    matrix = camera.matrix.copy()
-    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
-    return replace(
-        camera,
-        matrix=matrix,
-        distortion=camera.distortion + step[4:9],
-        camera_from_rig=_moved(camera.camera_from_rig, step[9:]),
-    )
-
-
-def _moved(transform: Array, step: Array) -> Array:
-    turn = geometry.rigid_from_vectors(step[:3], np.zeros(3))[:3, :3]
-    return geometry.rigid(turn @ transform[:3, :3], transform[:3, 3] + step[3:])
+    for block, lift, part in zip(blocks, lifts, own, strict=True):
+        solved[block] = part - lift @ solved[kept]
+    return solved

@@ -1,19 +1,22 @@
 """Camera models: intrinsics, distortion and place in the rig frame, from views of a board (Zhang 2000)."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.cameras import bundle, placement
+from processing.cameras import bundle
 from processing.cameras.board import MIN_CORNERS, Board, BoardView, find_charuco
-from processing.cameras.lens import LENSES, Lens, Pinhole
+from processing.cameras.lens import LENSES, Fisheye, Lens, Pinhole
+from processing.cameras.network import Shot, Views
+from processing.cameras.placement import board_poses, place
+from processing.cameras.start import fisheye_start, pinhole_start
+from processing.cameras.turntable import Axis, axis_of, network_of
 from processing.errors import CalibrationError
 
 Array = NDArray[np.float64]
@@ -103,58 +106,122 @@ def read_cameras(path: Path) -> dict[str, CameraModel]:
         raise CalibrationError(f"{path}: not a calibration: {error}. Run the calibrate plan again.") from error
 
 
-def calibrate_camera(views: Sequence[BoardView], size: tuple[int, int]) -> CameraModel:
+@dataclass(frozen=True)
+class Residuals:
+    """Found corners `uv_px` (n, 2) of a camera, predicted less found `error_px` (n, 2), and which took part (n,)."""
+
+    uv_px: Array
+    error_px: Array
+    accepted: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Cameras, boards and axis as one adjustment found them, in the rig frame.
+
+    `boards` holds `rig_from_board` by pose, with the turntable at 0. `axis` is None where no board was turned: then
+    the rig frame is the board of pose 0, which stands for the turntable as well as a hand has put it there.
+    """
+
+    cameras: Mapping[str, CameraModel]
+    boards: Mapping[int, Array]
+    axis: Axis | None
+    residuals: Mapping[str, Residuals]
+
+    def facing(self, names: Collection[str]) -> "Survey":
+        """The same survey with azimuth 0 where the named cameras stand, in the mean, as seen from the axis.
+
+        A camera counts by the square of its distance from the axis over that from the origin, the board's own right by
+        a quarter: an arc is believed to a thousandth of its radius, a board put by hand to two.
+        """
+        away = [self.cameras[name].centre_m / np.linalg.norm(self.cameras[name].centre_m) for name in names]
+        right = self.boards[0][:2, 0]
+        toward = sum((np.linalg.norm(a[:2]) * a[:2] for a in away), start=0.25 * right / np.linalg.norm(right))
+        turn = geometry.rotation_z(-float(np.arctan2(toward[1], toward[0])))
+        cameras = {n: replace(c, rig_from_camera=turn @ c.rig_from_camera) for n, c in self.cameras.items()}
+        return replace(self, cameras=cameras, boards={pose: turn @ board for pose, board in self.boards.items()})
+
+
+def calibrate_camera(views: Sequence[BoardView], size: tuple[int, int], lens: type[Lens] = Pinhole) -> CameraModel:
     """One camera from views of a board in any poses; its rig frame is the first usable view's board frame.
 
     Raises CalibrationError where fewer than three views have enough corners or do not determine the camera.
     """
-    usable = [view for view in views if len(view.uv_px) >= MIN_CORNERS]
-    return calibrate_views({"camera": dict(enumerate(usable))}, {"camera": size})["camera"]
+    usable = [view for view in map(_finite, views) if len(view.uv_px) >= MIN_CORNERS]
+    shots = {Shot(pose): view for pose, view in enumerate(usable)}
+    return survey({"camera": shots}, {"camera": size}, lens).cameras["camera"]
 
 
-def calibrate_cameras(images: Mapping[str, Mapping[int, NDArray[np.generic]]], board: Board) -> dict[str, CameraModel]:
-    """All cameras from their images {camera: {pose: image}} of one board in poses that they share.
+def survey_images(images: Mapping[str, Mapping[Shot, NDArray[np.generic]]], board: Board) -> Survey:
+    """As `survey`, from images {camera: {shot: image}} of one board.
 
     Images are linear or not, grey or colour; of a mosaic give `radiometry.grey_mosaic`, which keeps its resolution.
-    Pose 0 is the rig frame: the board flat on the reference plane, its centre at the origin, its right along +X, its
-    top along +Y. A camera that cannot read pose 0 is placed through poses that others see too. Each camera starts
-    from Zhang's method; then all cameras and board poses are refined together (see `bundle.adjust`).
-    Raises CalibrationError that names the camera and what it lacks.
     """
     views = {
-        name: {
-            pose: found
-            for pose, image in shots.items()
-            if len((found := find_charuco(image, board)).uv_px) >= MIN_CORNERS
-        }
-        for name, shots in images.items()
+        name: {shot: find_charuco(image, board) for shot, image in shots.items()} for name, shots in images.items()
     }
-    sizes = {name: _size(name, shots) for name, shots in images.items()}
-    return calibrate_views(views, sizes)
+    return survey(views, {name: _size(name, shots) for name, shots in images.items()})
 
 
-def calibrate_views(
-    views: Mapping[str, Mapping[int, BoardView]], sizes: Mapping[str, tuple[int, int]]
-) -> dict[str, CameraModel]:
-    """As `calibrate_cameras`, from found corners."""
-    for name, found in views.items():
-        if len(found) < MIN_VIEWS:
-            raise CalibrationError(
-                f"{name}: the board was read in {len(found)} poses; {MIN_VIEWS} are needed. Check focus and light."
-            )
-    start = _start(views, sizes)
-    adjusted = bundle.adjust(start, views)
-    for name, camera in adjusted.items():
-        _check_determined(name, camera.matrix, camera.distortion, camera.deviation)
-    return {
-        name: CameraModel(
-            Pinhole(c.matrix, c.distortion), geometry.invert(c.camera_from_rig), sizes[name], c.rms_px, c.deviation
+def survey(views: Views, sizes: Mapping[str, tuple[int, int]], lens: type[Lens] = Pinhole) -> Survey:
+    """All cameras, board poses and the turntable's axis from corners {camera: {shot: view}} of one board.
+
+    In pose 0 the board lies on the turntable. Where a pose was photographed at several angles of the turntable, the
+    axis is found: it is the rig frame's Z, the origin lies at the height of pose 0's centre, and pose 0's right is
+    toward +X when the turntable stands at 0. Otherwise pose 0 is the rig frame: origin at its centre, its right along
+    +X, its top along +Y. A camera that cannot read pose 0 is placed through poses that others see too. Each camera
+    starts by itself (Zhang 2000); then all is refined together (see `bundle.adjust`).
+    Raises CalibrationError that names the camera and what it lacks.
+    """
+    usable = {name: _usable(name, found) for name, found in views.items()}
+    lenses = {name: _started(name, usable[name], sizes[name], lens) for name in usable}
+    facing = {name: _from_the_front(name, found, lenses[name]) for name, found in usable.items()}
+    adjusted = bundle.adjust(network_of(place(lenses, facing), lenses), facing)
+    deviations = np.sqrt(np.maximum(np.diag(adjusted.covariance), 0))
+    places = adjusted.network.camera_slices()
+    cameras, residuals = {}, {}
+    for name, camera in adjusted.network.cameras.items():
+        deviation, error = deviations[places[name]], adjusted.errors_px[name]
+        _check_determined(name, camera.lens, deviation)
+        rms_px = float(np.sqrt((error**2).sum(axis=1).mean()))
+        pose = geometry.invert(camera.camera_from_rig)
+        cameras[name] = CameraModel(camera.lens, pose, sizes[name], rms_px, deviation)
+        found_px = np.concatenate([view.uv_px for view in facing[name].values()])
+        residuals[name] = Residuals(found_px, error, adjusted.accepted[name])
+    axis = axis_of(adjusted.network, adjusted.covariance) if adjusted.network.turned else None
+    return Survey(cameras, adjusted.network.boards, axis, residuals)
+
+
+def _finite(view: BoardView) -> BoardView:
+    """Without corners that are no numbers."""
+    finite = np.isfinite(view.uv_px).all(axis=1) & np.isfinite(view.points_m).all(axis=1)
+    return BoardView(view.points_m[finite], view.uv_px[finite])
+
+
+def _usable(name: str, found: Mapping[Shot, BoardView]) -> dict[Shot, BoardView]:
+    """The views with enough corners, in the order of their shots."""
+    views = {shot: _finite(found[shot]) for shot in sorted(found)}
+    usable = {shot: view for shot, view in views.items() if len(view.uv_px) >= MIN_CORNERS}
+    poses = {shot.pose for shot in usable}
+    if len(poses) < MIN_VIEWS:
+        raise CalibrationError(
+            f"{name}: the board was read in {len(poses)} poses; {MIN_VIEWS} are needed. Check focus and light."
         )
-        for name, c in adjusted.items()
-    }
+    return usable
 
 
-def _size(name: str, shots: Mapping[int, NDArray[np.generic]]) -> tuple[int, int]:
+def _from_the_front(name: str, found: Mapping[Shot, BoardView], lens: Lens) -> dict[Shot, BoardView]:
+    """The views that a board's front can give."""
+    facing = {shot: view for shot, view in found.items() if len(board_poses(lens, view))}
+    if 2 * len(facing) < len(found):
+        raise CalibrationError(
+            f"{name}: {len(found) - len(facing)} of {len(found)} boards are seen from behind; are its pictures "
+            "mirrored, or its corners counted the other way round?"
+        )
+    return facing
+
+
+def _size(name: str, shots: Mapping[Shot, NDArray[np.generic]]) -> tuple[int, int]:
     sizes = {image.shape[:2] for image in shots.values()}
     if len(sizes) != 1:
         raise CalibrationError(f"{name}: images of sizes {sorted(sizes)}; one size is needed.")
@@ -162,34 +229,18 @@ def _size(name: str, shots: Mapping[int, NDArray[np.generic]]) -> tuple[int, int
     return int(rows), int(columns)
 
 
-def _start(views: Mapping[str, Mapping[int, BoardView]], sizes: Mapping[str, tuple[int, int]]) -> bundle.Network:
-    """Every camera's focal length by itself, then all poses by consensus."""
-    matrices = {}
-    for name, found in views.items():
-        try:
-            matrices[name] = _zhang(list(found.values()), sizes[name])
-        except CalibrationError as error:
-            raise CalibrationError(f"{name}: {error}") from error
-    return placement.place(matrices, views)
-
-
-def _zhang(views: Sequence[BoardView], size: tuple[int, int]) -> Array:
-    """Matrix by Zhang's method: focal length only, principal point in the middle, no distortion."""
-    flags = cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST
-    flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
-    points = [view.points_m.astype(np.float32) for view in views]
-    uv_px = [view.uv_px.astype(np.float32) for view in views]
-    square = np.array([[1.0, 0, (size[1] - 1) / 2], [0, 1.0, (size[0] - 1) / 2], [0, 0, 1]])
+def _started(name: str, found: Mapping[Shot, BoardView], size: tuple[int, int], lens: type[Lens]) -> Lens:
+    """The camera's focal length by itself."""
+    start = {Pinhole: pinhole_start, Fisheye: fisheye_start}[lens]
     try:
-        _, matrix, *_ = cv2.calibrateCamera(points, uv_px, (size[1], size[0]), square, np.zeros(5), flags=flags)
-    except cv2.error as error:
-        raise CalibrationError(f"the views do not determine the camera: {error.err}. Tilt the board more.") from error
-    return np.asarray(matrix, np.float64)
+        return start(list(found.values()), size)
+    except CalibrationError as error:
+        raise CalibrationError(f"{name}: {error}") from error
 
 
-def _check_determined(name: str, matrix: Array, distortion: Array, deviation: Array) -> None:
-    finite = np.isfinite(matrix).all() and np.isfinite(distortion).all() and np.isfinite(deviation[:4]).all()
-    focal = matrix[[0, 1], [0, 1]]
+def _check_determined(name: str, lens: Lens, deviation: Array) -> None:
+    finite = np.isfinite(lens.matrix).all() and np.isfinite(lens.distortion).all() and np.isfinite(deviation[:4]).all()
+    focal = lens.matrix[[0, 1], [0, 1]]
     if not finite or (focal <= 0).any() or (deviation[:2] > MAX_FOCAL_DEVIATION * focal).any():
         raise CalibrationError(
             f"{name}: the boards do not determine the focal length ({focal[0]:.0f} px, sigma {deviation[0]:.0f} px); "

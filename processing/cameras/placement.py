@@ -5,7 +5,9 @@ reversal). One view cannot tell them apart; the other cameras and the other boar
 takes, of all poses that any single view proposes for it, the one that most of its views agree with.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -13,79 +15,111 @@ from numpy.typing import NDArray
 
 from processing import geometry
 from processing.cameras.board import BoardView
-from processing.cameras.bundle import Camera, Network
+from processing.cameras.lens import Lens
+from processing.cameras.network import Shot, Views
 from processing.errors import CalibrationError
 
 Array = NDArray[np.float64]
-Views = Mapping[str, Mapping[int, BoardView]]
+Key = TypeVar("Key")
+Poses = Mapping[str, Mapping[Shot, Array]]  # camera, shot: proposed camera_from_board (c, 4, 4)
 
 
-def place(matrices: Mapping[str, Array], views: Views) -> Network:
-    """Poses of cameras with known matrices (no distortion) and of the boards they see; board 0 is the rig frame.
+@dataclass(frozen=True)
+class Placed:
+    """`camera_from_first` of every camera and `first_from_board` of every shot, in the frame of the first board."""
 
-    Raises CalibrationError that names the cameras which no chain of shared boards links to board 0.
+    cameras: Mapping[str, Array]
+    boards: Mapping[Shot, Array]
+
+
+def place(lenses: Mapping[str, Lens], views: Views) -> Placed:
+    """Poses of cameras with known lenses and of the boards they see, in the frame of pose 0's first shot.
+
+    Raises CalibrationError that names the cameras which no chain of shared boards links to pose 0.
     """
+    first = min((shot for found in views.values() for shot in found if shot.pose == 0), default=None)
     proposed = {
-        name: {pose: _two_poses(matrices[name], view) for pose, view in found.items()} for name, found in views.items()
+        name: {shot: board_poses(lenses[name], view) for shot, view in found.items()} for name, found in views.items()
     }
     cameras: dict[str, Array] = {}
-    boards = {0: np.eye(4)}
+    boards = {} if first is None else {first: np.eye(4)}
     # A chain is at most as long as there are cameras; two more rounds let all of them outvote the first guesses.
     for _ in range(len(views) + 2):
+        before = (cameras, boards)
         cameras = {
-            name: _camera(matrices[name], found, proposed[name], boards)
+            name: _camera(lenses[name], found, proposed[name], boards)
             for name, found in views.items()
             if not boards.keys().isdisjoint(found)
         }
-        seen = {pose for name in cameras for pose in views[name]} - {0}
-        boards = {0: np.eye(4)} | {pose: _board(pose, matrices, views, proposed, cameras) for pose in sorted(seen)}
+        seen = {shot for name in cameras for shot in views[name]} - {first}
+        boards |= {shot: _board(shot, lenses, views, proposed, cameras) for shot in sorted(seen)}
+        if _same(before[0], cameras) and _same(before[1], boards):
+            break
     lost = sorted(set(views) - set(cameras))
     if lost:
         raise CalibrationError(f"{', '.join(lost)}: no board pose links it to pose 0, which is the rig frame.")
-    return Network({name: Camera(matrices[name], np.zeros(5), cameras[name]) for name in views}, boards)
+    return Placed(cameras, boards)
 
 
-def _two_poses(matrix: Array, view: BoardView) -> list[Array]:
-    """Both camera_from_board that a plane's perspective allows (Collins and Bartoli 2014)."""
-    _, turns, shifts, _ = cv2.solvePnPGeneric(view.points_m, view.uv_px, matrix, None, flags=cv2.SOLVEPNP_IPPE)
-    return [geometry.rigid_from_vectors(turn, np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)]
+def board_poses(lens: Lens, view: BoardView) -> Array:
+    """The camera_from_board (c, 4, 4) that a plane's perspective allows (Collins and Bartoli 2014), c = 0 to 2.
+
+    Poses that show the board's back are left out: nobody reads a board from behind. The perspective is that of a
+    pinhole turned toward the board, so that it may lie anywhere around a fish-eye.
+    """
+    rays = lens.rays(view.uv_px)
+    imaged = np.isfinite(rays).all(axis=1)
+    toward = geometry.look_at(np.zeros(3), rays[imaged].mean(axis=0), up=(0, -1, 0))
+    local = geometry.rotate(geometry.invert(toward), rays[imaged])
+    plane = local[:, :2] / local[:, 2:]
+    points = np.ascontiguousarray(view.points_m[imaged])
+    try:
+        _, turns, shifts, _ = cv2.solvePnPGeneric(points, plane, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    except cv2.error:
+        return np.empty((0, 4, 4))
+    poses = [
+        toward @ geometry.rigid_from_vectors(turn, np.ravel(shift)) for turn, shift in zip(turns, shifts, strict=True)
+    ]
+    facing = [pose for pose in poses if np.isfinite(pose).all() and pose[:3, 2] @ pose[:3, 3] < 0]
+    return np.stack(facing) if facing else np.empty((0, 4, 4))
+
+
+def errors_px(lens: Lens, poses: Array, views: Sequence[BoardView]) -> Array:
+    """Root mean square distance (c, v) of found and predicted corners; infinite where a corner has no image.
+
+    `poses` (c, v, 4, 4) are camera_from_board of c candidates in each of v views.
+    """
+    counts = [len(view.uv_px) for view in views]
+    turns, shifts_m = poses[:, :, :3, :3].swapaxes(2, 3), poses[:, :, None, :3, 3]
+    local = np.concatenate([view.points_m @ turns[:, i] + shifts_m[:, i] for i, view in enumerate(views)], axis=1)
+    squared = ((lens.project(local) - np.concatenate([view.uv_px for view in views])) ** 2).sum(axis=-1)
+    starts = np.cumsum([0, *counts[:-1]])
+    mean = np.add.reduceat(squared, starts, axis=1) / counts
+    return np.asarray(np.sqrt(np.where(np.isfinite(mean), mean, np.inf)), np.float64)
 
 
 def _camera(
-    matrix: Array, found: Mapping[int, BoardView], proposed: Mapping[int, list[Array]], boards: Mapping[int, Array]
+    lens: Lens, found: Mapping[Shot, BoardView], proposed: Mapping[Shot, Array], boards: Mapping[Shot, Array]
 ) -> Array:
-    """The camera_from_rig that most of the camera's views of known boards agree with."""
-    known = [pose for pose in found if pose in boards]
-    candidates = [own @ geometry.invert(boards[pose]) for pose in known for own in proposed[pose]]
-    return _agreed(
-        candidates, lambda candidate: [_error_px(matrix, candidate @ boards[pose], found[pose]) for pose in known]
-    )
+    """The camera_from_first that most of the camera's views of known boards agree with."""
+    known = [shot for shot in found if shot in boards]
+    candidates = np.concatenate([proposed[shot] @ geometry.invert(boards[shot]) for shot in known])
+    placed = np.stack([boards[shot] for shot in known])
+    errors = errors_px(lens, candidates[:, None] @ placed, [found[shot] for shot in known])
+    return np.asarray(candidates[np.argmin(np.median(errors, axis=1))], np.float64)
 
 
 def _board(
-    pose: int,
-    matrices: Mapping[str, Array],
-    views: Views,
-    proposed: Mapping[str, Mapping[int, list[Array]]],
-    cameras: Mapping[str, Array],
+    shot: Shot, lenses: Mapping[str, Lens], views: Views, proposed: Poses, cameras: Mapping[str, Array]
 ) -> Array:
-    """The rig_from_board that most of the cameras which see the board agree with."""
-    known = [name for name in cameras if pose in views[name]]
-    candidates = [geometry.invert(cameras[name]) @ own for name in known for own in proposed[name][pose]]
-    return _agreed(
-        candidates,
-        lambda candidate: [_error_px(matrices[n], cameras[n] @ candidate, views[n][pose]) for n in known],
+    """The first_from_board that most of the cameras which see the board agree with."""
+    known = [name for name in cameras if shot in views[name]]
+    candidates = np.concatenate([geometry.invert(cameras[name]) @ proposed[name][shot] for name in known])
+    errors = np.concatenate(
+        [errors_px(lenses[n], (cameras[n] @ candidates)[:, None], [views[n][shot]]) for n in known], axis=1
     )
+    return np.asarray(candidates[np.argmin(np.median(errors, axis=1))], np.float64)
 
 
-def _agreed(candidates: Sequence[Array], errors_px: Callable[[Array], list[float]]) -> Array:
-    return min(candidates, key=lambda candidate: float(np.median(errors_px(candidate))))
-
-
-def _error_px(matrix: Array, camera_from_board: Array, view: BoardView) -> float:
-    """Root mean square distance of the corners, infinite behind the camera."""
-    local = geometry.transform_points(camera_from_board, view.points_m)
-    if (local[:, 2] <= 0).any():
-        return float("inf")
-    uv_px = (local @ matrix.T)[:, :2] / local[:, 2:]
-    return float(np.sqrt(2 * np.mean((uv_px - view.uv_px) ** 2)))
+def _same(before: Mapping[Key, Array], after: Mapping[Key, Array]) -> bool:
+    return before.keys() == after.keys() and all(np.array_equal(before[key], after[key]) for key in after)

@@ -111,10 +111,15 @@ class MdfPlan(_Model):
 
 
 class CalibratePlan(_Model):
-    """A ChArUco board held in several poses; pose 0 lies flat on the reference plane and defines the rig frame."""
+    """A ChArUco board held in several poses; in pose 0 it lies on the turntable, which defines the reference plane.
+
+    Pose 0 is also photographed with the turntable at `turntable_deg`: that shows the turntable's axis. Without such
+    angles the axis is taken to be the board's.
+    """
 
     kind: Literal["calibrate"]
     board_poses: int = Field(strict=True, ge=3, le=200)
+    turntable_deg: OptionalAngles = ()
     lamp: Name
     light_arc_deg: Degrees
     cameras: Names

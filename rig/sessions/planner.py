@@ -165,6 +165,11 @@ def _calibrate(plan: CalibratePlan, layout: _Layout) -> Iterator[Step]:
     for board_pose in range(plan.board_poses) if cameras else ():
         pose = _Pose({"sample": "charuco", "pose": board_pose}, axes_deg, ("light_arc",), cameras)
         yield from pose.photographs(plan.lamp, (plan.exposure_s,))
+    for turntable_deg in sorted(plan.turntable_deg) if cameras else ():
+        turned_deg = layout.axes_deg({"turntable": turntable_deg, "light_arc": plan.light_arc_deg})
+        if turned_deg != axes_deg:  # else it is pose 0 as above
+            pose = _Pose({"sample": "charuco", "pose": 0}, turned_deg, ("turntable", "light_arc"), cameras)
+            yield from pose.photographs(plan.lamp, (plan.exposure_s,))
 
 
 def _sensor(plan: SensorPlan, layout: _Layout) -> Iterator[Step]:

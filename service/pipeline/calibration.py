@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.cameras.board import Board
-from processing.cameras.calibration import calibrate_cameras, write_cameras
+from processing.cameras.calibration import survey_images, write_cameras
+from processing.cameras.network import Shot
 from processing.formats.raw import read_raw
 from processing.products.provenance import write_description
 from processing.radiometry.mosaic import grey_mosaic
@@ -21,14 +22,16 @@ def make_calibration(session: Session, progress: Progress) -> Path:
     records = session.frames()
     if is_current(folder, inputs := fingerprint(records, {})):
         return folder
-    images: dict[str, dict[int, NDArray[np.float32]]] = {}
+    images: dict[str, dict[Shot, NDArray[np.float32]]] = {}
     for record in progress.track(records, "reading boards"):
-        pose = int((record.step.mount or {})["pose"])
-        images.setdefault(record.camera, {})[pose] = _grey(record)
+        shot = Shot(int((record.step.mount or {})["pose"]), record.step.axes_rad.get("turntable", 0.0))
+        images.setdefault(record.camera, {})[shot] = _grey(record)
     board = session.config.board
-    cameras = calibrate_cameras(
-        images, Board(board.columns, board.rows, board.square_mm / 1e3, board.marker_mm / 1e3, board.dictionary)
-    )
+    printed = Board(board.columns, board.rows, board.square_mm / 1e3, board.marker_mm / 1e3, board.dictionary)
+    survey = survey_images(images, printed)
+    arc = [name for name in survey.cameras if session.config.cameras[name].mount == "camera_arc"]
+    survey = survey.facing(arc)
+    cameras = survey.cameras
     folder.mkdir(parents=True, exist_ok=True)
     write_cameras(cameras, folder / CAMERAS)
     content = {"file": CAMERAS, "rms_px": {name: camera.rms_px for name, camera in cameras.items()}}

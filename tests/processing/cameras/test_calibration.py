@@ -15,12 +15,13 @@ from processing.cameras.board import Board, BoardView, find_charuco, find_chessb
 from processing.cameras.calibration import (
     CameraModel,
     calibrate_camera,
-    calibrate_cameras,
-    calibrate_views,
     read_cameras,
+    survey,
+    survey_images,
     write_cameras,
 )
 from processing.cameras.lens import Pinhole
+from processing.cameras.network import Shot
 from processing.errors import CalibrationError, ImageError
 from tests.public_data import DATA
 from tests.reference.boards import photograph_board
@@ -60,7 +61,7 @@ def network(noise_px, seed=1):
     rng = np.random.default_rng(seed)
     cameras = {f"cam{i}": camera_at(e, rng) for i, e in enumerate((25, 45, 65, 88))}
     poses = board_poses(8, rng)
-    views = {n: {k: seen(c, p, noise_px, rng) for k, p in poses.items()} for n, c in cameras.items()}
+    views = {n: {Shot(k): seen(c, p, noise_px, rng) for k, p in poses.items()} for n, c in cameras.items()}
     return cameras, views
 
 
@@ -79,7 +80,7 @@ def normalised_errors(true, found):
 def test_exact_corners_give_what_they_were_made_with():
     """Up to the priors, which pull by a thousandth of what they allow."""
     cameras, views = network(0.0)
-    found = calibrate_views(views, SIZES)
+    found = survey(views, SIZES).cameras
     sample = geometry.texel_grid(9, 0.06) - [0, 0, 0.002]
     for name, camera in cameras.items():
         assert found[name].rms_px < 0.02
@@ -92,7 +93,7 @@ def test_noisy_corners_give_the_plane_to_the_noise_and_honest_deviations():
     sample = geometry.texel_grid(9, 0.06)
     for seed in range(2):
         cameras, views = network(0.1, seed)
-        found = calibrate_views(views, SIZES)
+        found = survey(views, SIZES).cameras
         for name, camera in cameras.items():
             assert found[name].rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.25)
             # 24 corners of 0.1 px determine the plane's place in each image to some hundredths.
@@ -106,8 +107,8 @@ def test_noisy_corners_give_the_plane_to_the_noise_and_honest_deviations():
 def test_order_of_cameras_and_names_of_poses_do_not_matter(cameras_in, poses_in, step):
     """Pose 0 alone has a meaning; the search stops within a hundredth of the uncertainty."""
     _, views = network(0.1)
-    turned = {f"cam{i}": {k * step: views[f"cam{i}"][k] for k in poses_in} for i in cameras_in}
-    one, other = calibrate_views(views, SIZES), calibrate_views(turned, SIZES)
+    turned = {f"cam{i}": {Shot(k * step): views[f"cam{i}"][Shot(k)] for k in poses_in} for i in cameras_in}
+    one, other = survey(views, SIZES).cameras, survey(turned, SIZES).cameras
     for name, camera in one.items():
         np.testing.assert_allclose(camera.deviation, other[name].deviation, rtol=1e-2)
         assert (np.abs(normalised_errors(camera, other[name])) < 0.01).all()
@@ -116,8 +117,8 @@ def test_order_of_cameras_and_names_of_poses_do_not_matter(cameras_in, poses_in,
 def test_a_camera_that_misses_pose_zero_is_placed_by_the_others():
     cameras, views = network(0.05)
     views = {name: dict(found) for name, found in views.items()}
-    del views["cam0"][0]
-    found = calibrate_views(views, SIZES)["cam0"]
+    del views["cam0"][Shot(0)]
+    found = survey(views, SIZES).cameras["cam0"]
     sample = geometry.texel_grid(9, 0.06)
     assert np.abs(found.project(sample) - cameras["cam0"].project(sample)).max() < 0.3
 
@@ -127,9 +128,9 @@ def test_a_camera_whose_view_of_pose_zero_is_reversed_does_not_mislead_the_other
     for seed in (0, 3):
         cameras, views = network(0.2, seed)
         few = np.array([8, 9, 10, 14, 15, 16, 17])
-        flat = views["cam0"][0]
-        slanted = {**views["cam0"], 0: BoardView(flat.points_m[few], flat.uv_px[few])}
-        found = calibrate_views({**views, "cam0": slanted}, SIZES)
+        flat = views["cam0"][Shot(0)]
+        slanted = {**views["cam0"], Shot(0): BoardView(flat.points_m[few], flat.uv_px[few])}
+        found = survey({**views, "cam0": slanted}, SIZES).cameras
         sample = geometry.texel_grid(9, 0.06)
         for name, camera in cameras.items():
             assert np.abs(found[name].project(sample) - camera.project(sample)).max() < 0.4
@@ -138,10 +139,10 @@ def test_a_camera_whose_view_of_pose_zero_is_reversed_does_not_mislead_the_other
 def test_a_wrong_corner_does_little_harm():
     cameras, views = network(0.05)
     views = {name: dict(found) for name, found in views.items()}
-    bad = views["cam1"][3].uv_px.copy()
+    bad = views["cam1"][Shot(3)].uv_px.copy()
     bad[5] += [25, -10]
-    views["cam1"][3] = BoardView(views["cam1"][3].points_m, bad)
-    found = calibrate_views(views, SIZES)["cam1"]
+    views["cam1"][Shot(3)] = BoardView(views["cam1"][Shot(3)].points_m, bad)
+    found = survey(views, SIZES).cameras["cam1"]
     sample = geometry.texel_grid(9, 0.06)
     assert np.abs(found.project(sample) - cameras["cam1"].project(sample)).max() < 0.3
 
@@ -151,8 +152,10 @@ def test_pictures_of_a_board_give_the_cameras():
     rng = np.random.default_rng(4)
     cameras = {f"cam{i}": camera_at(e, rng) for i, e in enumerate((45, 65, 88))}
     poses = board_poses(6, rng)
-    images = {n: {k: photograph_board(BOARD, c, p, samples=2) for k, p in poses.items()} for n, c in cameras.items()}
-    found = calibrate_cameras(images, BOARD)
+    images = {
+        n: {Shot(k): photograph_board(BOARD, c, p, samples=2) for k, p in poses.items()} for n, c in cameras.items()
+    }
+    found = survey_images(images, BOARD).cameras
     sample = geometry.texel_grid(9, 0.06)
     for name, camera in cameras.items():
         assert found[name].rms_px < 0.35  # markers of three pixels a cell bound what the detector does
@@ -184,15 +187,15 @@ def test_views_that_do_not_determine_the_camera_are_refused():
 def test_missing_boards_and_links_are_named():
     _, views = network(0.05)
     with pytest.raises(CalibrationError, match="cam2: the board was read in 1 poses"):
-        calibrate_views({**views, "cam2": {0: views["cam2"][0]}}, SIZES)
-    alone = {k + 20: v for k, v in views["cam3"].items()}
+        survey({**views, "cam2": {Shot(0): views["cam2"][Shot(0)]}}, SIZES)
+    alone = {Shot(k.pose + 20): v for k, v in views["cam3"].items()}
     with pytest.raises(CalibrationError, match="cam3: no board pose links"):
-        calibrate_views({**views, "cam3": alone}, SIZES)
+        survey({**views, "cam3": alone}, SIZES)
     blank = np.arange(240 * 320, dtype=float).reshape(SIZE)
     with pytest.raises(CalibrationError, match="cam0: the board was read in 0 poses"):
-        calibrate_cameras({"cam0": dict.fromkeys(range(4), blank)}, BOARD)
+        survey_images({"cam0": dict.fromkeys(map(Shot, range(4)), blank)}, BOARD)
     with pytest.raises(CalibrationError, match="cam0: images of sizes"):
-        calibrate_cameras({"cam0": {0: blank, 1: blank[:100]}}, BOARD)
+        survey_images({"cam0": {Shot(0): blank, Shot(1): blank[:100]}}, BOARD)
 
 
 @pytest.mark.parametrize("board", [Board(7, 5, 0.01, 0.01), Board(2, 5, 0.01, 0.008), Board(7, 5, 0.01, 0.008, "X")])
@@ -214,7 +217,7 @@ def test_gray_pictures_of_linear_images():
 
 def test_camera_models_survive_json(tmp_path):
     cameras, views = network(0.1)
-    found = calibrate_views(views, SIZES)
+    found = survey(views, SIZES).cameras
     path = tmp_path / "cameras.json"
     write_cameras({**found, "nominal": cameras["cam0"]}, path)
     again = read_cameras(path)

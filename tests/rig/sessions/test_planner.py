@@ -272,7 +272,7 @@ def test_examples_use_only_what_their_comments_count(path):
         "srf": lambda: len(plan.arm_deg) * len(plan.exposures_s),
         "btf": lambda: len(plan.turntable_deg) * len(plan.light_azimuth_deg) * len(plan.lamps) * len(plan.exposures_s),
         "mdf": lambda: len(plan.turntable_deg) * len(plan.laser_azimuth_deg) * len(plan.laser_elevations_deg),
-        "calibrate": lambda: plan.board_poses,
+        "calibrate": lambda: plan.board_poses + len(plan.turntable_deg),
         "sensor": lambda: plan.repeats * (len(plan.dark_exposures_s) + len(plan.flat_exposures_s)),
         "lamps": lambda: lamps_steps(plan),
     }[plan.kind]()

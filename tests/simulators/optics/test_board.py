@@ -51,8 +51,9 @@ def test_edges_lie_where_the_projection_says(optics, pose):
     rows, columns = np.indices(rate.shape)
     grey = rate / (CHANNELS * optics.layout.lamps["lamp6"].gains)[rows % 2 + columns % 2]
     for square in range(1, 7):
-        point = np.array([[square * 0.012 - 0.042, 0.030 - 0.030, 0.0]])
-        u, v = project(optics.layout.cameras["cam7"], point)[0]
+        board = optics.layout.rig_from_board(0)
+        point = board[:3, :3] @ [square * 0.012 - 0.042, 0.030 - 0.030, 0.0] + board[:3, 3]
+        u, v = project(optics.layout.cameras["cam7"], point[None])[0]
         line, i = grey[:, round(u)], round(v)
         black = min(line[i - 4], line[i + 4])
         bright = black * 0.85 / 0.04

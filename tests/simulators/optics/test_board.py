@@ -60,7 +60,8 @@ def test_edges_lie_where_the_projection_says(optics, pose):
         from_white = slice(i - 1, i + 5) if line[i - 2] > line[i + 2] else slice(i - 4, i + 2)
         dark_px = np.sum((bright - line[from_white]) / (bright - black))
         edge = i + 4.5 - dark_px if line[i - 2] > line[i + 2] else i - 4.5 + dark_px
-        assert edge == pytest.approx(v, abs=0.02)
+        # The board lies a fifth of a degree askew and the line is up to half a pixel beside the point: 0.002 px.
+        assert edge == pytest.approx(v, abs=0.022)
 
 
 def test_the_back_of_the_board_is_not_seen(studio):

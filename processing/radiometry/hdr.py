@@ -42,33 +42,48 @@ def merge_exposures(
     A sample y of exposure t has mean r t and variance v = r t + read variance, and counts as Poisson shifted by the
     read variance: its score is t (y - r t) / v. A saturated sample counts as 'at least the white level' (censored),
     so that the result stays unbiased where an exposure switches off. Negative values are kept. `value` is in
-    electrons per second, `variance` is the inverse of the information at the optimum. Non-finite samples are left
-    out, positive infinity is saturated. With a `correction` the value is that of the nominal pixel.
+    electrons per second and solves the likelihood to 0.02 of its standard deviation (typically 0.001), `variance` is
+    the inverse of the information there, to 2 %. Exposures come in any order, equal times are welcome. Non-finite
+    samples are left out, positive infinity is saturated. With a `correction` the value is that of the nominal pixel.
+    Whole counts are fastest as uint16; all else is taken as float32.
     Source: Granados et al. 2010, eq. 6, with the censoring of Tobin 1958; solved by Fisher scoring.
     Raises ImageError where the stack's shape and the exposures disagree or a time is not positive.
     """
     stack, times = _checked(raw_dn, exposure_s)
-    numbers = (sensor.black_dn, sensor.white_dn, sensor.gain_e_per_dn, sensor.dark_variance_e2)
-    if correction is None:
-        return Radiance(*merge_kernel.merge_exposures(stack, times, numbers, None))
-    if correction.flat.shape != stack.shape[1:]:
+    if correction is not None and correction.flat.shape != stack.shape[1:]:
         raise ImageError(f"correction of {correction.flat.shape} pixels for frames of {stack.shape[1:]}.")
-    return _corrected(*merge_kernel.merge_exposures(stack, times, numbers, correction.offset_dn), correction)
+    shape = stack.shape[1:]
+    merged = Radiance(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8))
+    out = merge_kernel.Merged(merged.value.reshape(-1), merged.variance.reshape(-1), merged.status.reshape(-1))
+    maps = None if correction is None else _maps(correction)
+    merge_kernel.merge_pixels(
+        stack.reshape(len(stack), -1), _exposures(times, sensor), _levels(times, sensor), maps, out
+    )
+    return merged
 
 
-def _corrected(
-    rate: NDArray[np.float32], rate_variance: NDArray[np.float32], status: NDArray[np.uint8], pixels: PixelCorrection
-) -> Radiance:
-    """Radiance of the nominal pixel from the rate of the real one: r = (rate - dark) / flat."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        value = (rate - pixels.dark_e_s) / pixels.flat
-        variance = rate_variance + (0.0 if pixels.dark_variance is None else pixels.dark_variance)
-        variance = variance + value**2 * (0.0 if pixels.flat_variance is None else pixels.flat_variance)
-        variance = variance / pixels.flat**2
-        status[np.isfinite(rate)] = PixelStatus.OK
-        status[value < 3 * np.sqrt(variance)] = PixelStatus.DARK
-    value[pixels.hot], variance[pixels.hot], status[pixels.hot] = np.nan, np.nan, PixelStatus.HOT
-    return Radiance(value.astype(np.float32), variance.astype(np.float32), status)
+def _exposures(times: NDArray[np.float64], sensor: Sensor) -> merge_kernel.Exposures:
+    index = np.argsort(-times, kind="stable")
+    share = times[index] / times.max()
+    dark_variance_dn2 = sensor.dark_variance_e2 / sensor.gain_e_per_dn**2
+    return merge_kernel.Exposures(index, share.astype(np.float32), (dark_variance_dn2 / share).astype(np.float32))
+
+
+def _levels(times: NDArray[np.float64], sensor: Sensor) -> merge_kernel.Levels:
+    gain = sensor.gain_e_per_dn
+    numbers = (sensor.black_dn, sensor.white_dn, 1 / gain, sensor.dark_variance_e2 / gain**2, gain / times.max())
+    return merge_kernel.Levels(*map(np.float32, numbers))
+
+
+def _maps(correction: PixelCorrection) -> merge_kernel.PixelMaps:
+    """Maps as the kernel reads them; a variance that is not known counts as none."""
+    floats = (correction.offset_dn, correction.dark_e_s, correction.flat)
+    offset, dark, flat = (np.ascontiguousarray(m, np.float32).reshape(-1) for m in floats)
+    variances = (
+        np.zeros(flat.size, np.float32) if m is None else np.ascontiguousarray(m, np.float32).reshape(-1)
+        for m in (correction.dark_variance, correction.flat_variance)
+    )
+    return merge_kernel.PixelMaps(offset, dark, flat, np.ascontiguousarray(correction.hot).reshape(-1), *variances)
 
 
 def _checked(raw_dn: NDArray[np.generic], exposure_s: ArrayLike) -> tuple[NDArray[np.generic], NDArray[np.float64]]:
@@ -77,4 +92,4 @@ def _checked(raw_dn: NDArray[np.generic], exposure_s: ArrayLike) -> tuple[NDArra
         raise ImageError(f"stack of shape {stack.shape} with {times.size} exposure times; (k, h, w) and k are needed.")
     if not (np.isfinite(times) & (times > 0)).all():
         raise ImageError(f"exposure times must be positive and finite, not {times.tolist()} s.")
-    return (stack if stack.dtype == np.uint16 else stack.astype(np.float32)), times
+    return np.ascontiguousarray(stack, np.uint16 if stack.dtype == np.uint16 else np.float32), times

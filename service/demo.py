@@ -18,7 +18,7 @@ from service.capture import capture
 from service.console import ConsoleProgress
 from service.machine import machine, peak_memory_gb, versions
 from service.pipeline import process
-from service.pipeline.calibrations import load_calibrations
+from service.pipeline.calibrations import Calibrations, load_calibrations
 from service.pipeline.stacks import merge, stacks
 from service.report import Measure, Report, Stage, write_report
 from service.simulation import Simulation
@@ -162,7 +162,8 @@ def _calibration_stage(session: Session, watch: Stopwatch) -> Stage:
 
 
 def _hdr_stage(session: Session, simulation: Simulation, watch: Stopwatch) -> Stage:
-    merged = watch.time("merge", lambda: [merge(stack) for stack in stacks(session.frames())])
+    calibrations = Calibrations()
+    merged = watch.time("merge", lambda: [merge(stack, calibrations) for stack in stacks(session.frames())])
     errors = watch.time("truth", lambda: truth.hdr_errors(merged, simulation.truth))
     return Stage(
         "Radiance",

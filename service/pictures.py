@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import zarr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure  # not pyplot, whose figures all threads share
 from numpy.typing import NDArray
 from PIL import Image
@@ -16,10 +17,12 @@ from processing.laser.laser_chessboard import BoardStripe
 from processing.products import Mdf, ReflectanceMaps, StoredBtf
 from processing.radiometry.display import srgb8
 from processing.radiometry.mosaic import demosaic
+from processing.radiometry.sensor_calibration import SensorCalibration
 
 STILL = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 BRIGHT_PERCENTILE = 99.5  # of a frame becomes white
 MOST_PANELS = 8
+PHASE_COLOURS = ("tab:red", "tab:green", "limegreen", "tab:blue")  # of the mosaic's 2 x 2 cell, red first
 
 
 def check_still(path: Path) -> None:
@@ -86,6 +89,63 @@ def draw_reflectance_maps(product: Path, out: Path) -> None:
     """A sphere's reflectance maps over gradient space, every light."""
     maps = ReflectanceMaps.load(product).reflectance_cos
     save_colour_panels(out, [(f"light {i + 1}", one) for i, one in enumerate(maps)], 4)
+
+
+def draw_sensor(product: Path, out: Path) -> None:
+    """A sensor as measured: photon transfer with its fit, residual from linearity, flat field, offsets."""
+    measured = SensorCalibration.load(product)
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    axes = figure.subplots(2, 2)
+    _draw_transfer(axes[0, 0], measured)
+    _draw_linearity(axes[0, 1], measured)
+    correction = measured.correction
+    flat = np.where(correction.hot, np.nan, correction.flat)
+    low, high = np.nanpercentile(flat, (0.5, 99.5))
+    shown = axes[1, 0].imshow(flat, vmin=low, vmax=high, cmap="gray", interpolation="nearest")
+    axes[1, 0].set(title="flat field: lens and pixels, channels each with mean 1", xticks=[], yticks=[])
+    figure.colorbar(shown, ax=axes[1, 0], shrink=0.8)
+    axes[1, 1].hist(correction.offset_dn[~correction.hot], bins=120, log=True, color="C0")
+    dark = measured.measurement.figures["dark_current_e_s"].value
+    axes[1, 1].set(
+        title=f"pixels in the dark; {correction.hot.sum()} hot, the others {dark:.2f} e-/s",
+        xlabel="offset from the black level in dn", ylabel="pixels",
+    )  # fmt: skip
+    figure.suptitle(f"{measured.model} {measured.serial}, ISO {measured.iso:g}, {measured.date_utc}")
+    figure.savefig(out, dpi=100)
+
+
+def _draw_transfer(axis: Axes, measured: SensorCalibration) -> None:
+    """Variance over signal, both in counts, with the fitted line."""
+    levels, figures = measured.measurement.transfer, measured.measurement.figures
+    order = np.argsort(levels.signal_dn)
+    axis.plot(levels.signal_dn[order], levels.expected_dn2[order], "k-", lw=0.8, label="fit")
+    for phase, colour in enumerate(PHASE_COLOURS):
+        mine = (levels.phase == phase) & levels.used
+        axis.plot(levels.signal_dn[mine], levels.variance_dn2[mine], "o", ms=4, color=colour)
+        left = (levels.phase == phase) & ~levels.used
+        axis.plot(levels.signal_dn[left], levels.variance_dn2[left], "x", ms=5, color=colour)
+    gain, read = figures["gain_e_per_dn"], figures["read_noise_e"]
+    axis.set(
+        title=f"{gain.value:.4f} +- {gain.sigma:.4f} e-/dn, read noise {read.value:.3f} +- {read.sigma:.3f} e-",
+        xlabel="linear signal in dn", ylabel="variance in dn2 (crosses: saturation, not fitted)",
+        xscale="symlog", yscale="log",
+    )  # fmt: skip
+    axis.grid(alpha=0.3)
+
+
+def _draw_linearity(axis: Axes, measured: SensorCalibration) -> None:
+    """What is left of each level, and the curve that was taken out."""
+    levels, linearity = measured.measurement.transfer, measured.measurement.linearity
+    for phase, colour in enumerate(PHASE_COLOURS):
+        mine = (levels.phase == phase) & np.isfinite(levels.residual)
+        axis.plot(levels.signal_dn[mine], 100 * levels.residual[mine], "o", ms=4, color=colour)
+    counted = np.linspace(1, linearity.span_dn, 200)
+    axis.plot(
+        counted, 100 * (counted / linearity.linear_dn(counted) - 1), "k-", lw=0.8, label="counts before correction"
+    )
+    axis.set(title="linearity: residual from an even growth", xlabel="linear signal in dn", ylabel="%")
+    axis.legend()
+    axis.grid(alpha=0.3)
 
 
 def save_stripes(path: Path, stripes: Sequence[BoardStripe]) -> None:

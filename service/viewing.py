@@ -17,11 +17,11 @@ from render.shapes import captured_sphere, plane, sphere, torus, vase
 from render.showcase import write_showcase
 from render.srf import repeating
 from service.files import replaced
-from service.pictures import STILL, check_still, draw_btf, draw_displacements, draw_reflectance_maps
+from service.pictures import STILL, check_still, draw_btf, draw_displacements, draw_reflectance_maps, draw_sensor
 
 ANIMATED = (".webp", ".gif", ".apng")
 FRAMES = 24
-MAPS = {"mdf": draw_displacements, "btf": draw_btf, "reflectance_maps": draw_reflectance_maps}
+MAPS = {"mdf": draw_displacements, "btf": draw_btf, "reflectance_maps": draw_reflectance_maps, "sensor": draw_sensor}
 
 
 def kind_of(folder: Path) -> str:

@@ -14,6 +14,7 @@ Mask = NDArray[np.bool_]
 
 PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))  # of a mosaic's 2 x 2 cell: row, column
 SMALLEST_PX = 8
+SATURATED = 0.5  # share at the highest code from which equal frames are saturated, not copies
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +92,7 @@ class _Sums:
     def add(self, frame: Frame) -> None:
         counts = np.ascontiguousarray(frame.raw_dn)
         digest = hashlib.sha256(counts.tobytes()).digest()
-        if digest == self._last and counts.min() < counts.max():  # saturated all over, frames are alike and no copies
+        if digest == self._last and np.mean(counts == counts.max()) < SATURATED:
             return
         self._last = digest
         values = counts.astype(np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import CalibrationError, ImageError
-from processing.radiometry.frame_series import Frame, Levels, Mask, Series, gather, levels
+from processing.radiometry.frame_series import Frame, Levels, Mask, Series, gather, levels, phase_sum
 from processing.radiometry.light_drift import corrected_s, light_drift
 from processing.radiometry.linearity import Linearity, LinearityFit, fit_linearity
 from processing.radiometry.pixel_maps import HOT_E_S, DarkSums, FlatSums, Spread, flat_map, offset_map, shrunk
@@ -90,6 +90,7 @@ def measure_sensor(dark: Iterable[Exposure], flat: Iterable[Exposure], stated: S
 class _Dark:
     levels: list[Levels]
     black_dn: Measured
+    phase_black_dn: Array  # (4,)
     offset: Spread
     slope_dn_s: Array
     slope_noise_dn2: float
@@ -107,15 +108,20 @@ def _measure_dark(dark: Iterable[Exposure], stated: Sensor) -> _Dark:
             sound = _not_hot(series, stated)
         if series.mean_dn.shape != sound.shape:
             raise ImageError(f"dark frames of {series.mean_dn.shape} and of {sound.shape} pixels.")
-        sums.add(series)
         gathered.append(levels(series, sound))
+        sums.add(series, float(gathered[-1].variance_dn2.mean()))
     if not gathered:
         raise CalibrationError("no dark frames; a sensor is measured from dark and flat ones.")
-    offset, slope, spread = sums.line()
-    noise = float(np.mean([one.variance_dn2.mean() for one in gathered]))
+    offset, slope, (offset_noise, slope_noise) = sums.line()
     _check_capped(slope, sound, stated.gain_e_per_dn)
-    black = Measured(float(offset[sound].mean()), float(np.sqrt(noise * spread[0, 0] / sound.sum())))
-    return _Dark(gathered, black, offset_map(offset, noise * spread[0, 0], sound), slope, noise * spread[1, 1], sound)
+    black = Measured(float(offset[sound].mean()), float(np.sqrt(offset_noise / sound.sum())))
+    by_phase = phase_sum(np.where(sound, offset, 0.0)) / phase_sum(sound)
+    if min(by_phase) < CLEAR * np.sqrt(gathered[-1].variance_dn2.mean()):
+        raise CalibrationError(
+            f"the black level, {min(by_phase):.1f} dn, is so low that noise is cut off at 0; such a sensor's noise is "
+            "not in its files."
+        )
+    return _Dark(gathered, black, by_phase, offset_map(offset, offset_noise, sound), slope, slope_noise, sound)
 
 
 def _not_hot(longest: Series, stated: Sensor) -> Mask:
@@ -224,10 +230,10 @@ def _steady(flats: _Flats, black_dn: float) -> tuple[Array, Measured]:
 def _linearity(flats: _Flats, light_s: Array, dark: _Dark) -> LinearityFit:
     black = dark.black_dn
     series, phase = np.nonzero(flats.usable)
-    level = np.array([flats.levels[s].level_dn[p] for s, p in zip(series, phase, strict=True)]) - black.value
-    noise = np.array([flats.levels[s].level_variance_dn2[p] for s, p in zip(series, phase, strict=True)])
+    level = np.array([one.level_dn - dark.phase_black_dn for one in flats.levels])[flats.usable]
+    noise = np.array([one.level_variance_dn2 for one in flats.levels])[flats.usable]
     span_dn = flats.saturation_dn - black.value
-    return fit_linearity(level, noise + black.sigma**2, light_s[series], phase, span_dn)
+    return fit_linearity(level, noise + 4 * black.sigma**2, light_s[series], phase, span_dn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,16 +246,18 @@ class _TransferFit:
 def _fit_transfer(dark: _Dark, flats: _Flats, curve: LinearityFit) -> _TransferFit:
     """Weighted line through variance against linear signal, dark levels among them: slope 1 / gain, variance at 0."""
     every = [*dark.levels, *flats.levels]
-    counted = np.concatenate([one.level_dn for one in every]) - dark.black_dn.value
+    counted = np.concatenate([one.level_dn - dark.phase_black_dn for one in every])
     variance = np.concatenate([one.variance_dn2 for one in every])
     freedom = np.concatenate([one.freedom for one in every])
     used = np.concatenate([np.ones(4 * len(dark.levels), bool), flats.usable.ravel()])
     signal, steep = curve.linearity.linear_dn(counted), 1 / curve.linearity.slope(counted) ** 2
     rows = np.stack([steep * signal, np.ones_like(signal)], axis=1)
-    line = np.linalg.lstsq(rows[used], variance[used], rcond=None)[0]
+    at_zero = float(variance[: 4 * len(dark.levels)].mean())
+    lit = used & (signal > 0) & (np.arange(len(used)) >= 4 * len(dark.levels))
+    line = np.array([float(np.median((variance[lit] - at_zero) / signal[lit])), at_zero])
     covariance = np.eye(2)
     for _ in range(4):
-        expected = np.maximum(rows @ np.maximum(line, 1e-12), 1e-12)
+        expected = np.maximum(rows @ line, QUANTISATION_DN2)
         weight = freedom / (2 * expected**2) * used
         covariance = np.linalg.inv((rows * weight[:, None]).T @ rows)
         line = covariance @ (rows.T @ (weight * variance))

@@ -41,15 +41,16 @@ def shrunk(values: Array, noise_variance: Array | float, counted: Mask) -> Sprea
     noise = np.broadcast_to(np.asarray(noise_variance, np.float64), values.shape)
     core = counted & (np.abs(values) < CERTAIN * np.sqrt(noise + np.median(values[counted] ** 2) / 0.455))
     prior = max(float((values[core] ** 2 - noise[core]).mean()), 0.0)
-    with np.errstate(invalid="ignore"):
-        share = np.where(noise > 0, prior / np.maximum(prior + noise, 1e-300), 1.0)
+    mean_noise = float(noise[core].mean())
+    of_square = float(np.sqrt((4 * prior + 2 * mean_noise) * mean_noise / max(int(core.sum()), 1)))
+    share = prior / np.maximum(prior + noise, 1e-300)
+    # What is left is stated for a prior one standard deviation larger: it may only seem to be nothing.
+    left = (prior + of_square) * noise / np.maximum(prior + of_square + noise, 1e-300)
     outside = np.abs(values) > CERTAIN * np.sqrt(noise + prior)
     estimate = np.where(outside, values, share * values)
     deviation = float(np.sqrt(prior))
-    mean_noise = float(noise[core].mean())
-    of_square = float(np.sqrt((4 * prior + 2 * mean_noise) * mean_noise / max(int(core.sum()), 1)))
     sigma = of_square / (2 * deviation) if deviation > np.sqrt(of_square) else float(np.sqrt(of_square))
-    return Spread(np.where(counted, estimate, 0.0), np.where(outside, noise, share * noise), deviation, float(sigma))
+    return Spread(np.where(counted, estimate, 0.0), np.where(outside, noise, left), deviation, float(sigma))
 
 
 class DarkSums:
@@ -58,17 +59,20 @@ class DarkSums:
     def __init__(self) -> None:
         self._counts: Array = np.zeros((0, 0))
         self._moments = np.zeros(3)  # frames, times, squared times
+        self._noise = np.zeros(3)  # the same, times the variance of a sample
 
-    def add(self, series: Series) -> None:
-        """Count in the frames of one exposure."""
+    def add(self, series: Series, variance_dn2: float) -> None:
+        """Count in the frames of one exposure, a sample of which has this variance."""
         if self._counts.size == 0:
             self._counts = np.zeros((2, *series.mean_dn.shape))
         self._counts[0] += series.frames * series.mean_dn
         self._counts[1] += series.frames * series.exposure_s * series.mean_dn
-        self._moments += series.frames * np.array([1.0, series.exposure_s, series.exposure_s**2])
+        moments = series.frames * np.array([1.0, series.exposure_s, series.exposure_s**2])
+        self._moments += moments
+        self._noise += variance_dn2 * moments
 
     def line(self) -> tuple[Array, Array, Array]:
-        """Offset at no exposure (h, w) in dn, slope (h, w) in dn/s, and their covariance (2, 2) per dn2 of noise.
+        """Offset at no exposure (h, w) in dn, slope (h, w) in dn/s, and the variance (2,) of both.
 
         Raises CalibrationError where all exposures are one.
         """
@@ -78,7 +82,8 @@ class DarkSums:
             raise CalibrationError("dark frames of one exposure only; dark current needs two exposures, far apart.")
         offset = (squares * self._counts[0] - times * self._counts[1]) / determinant
         slope = (n * self._counts[1] - times * self._counts[0]) / determinant
-        return offset, slope, np.array([[squares, -times], [-times, n]]) / determinant
+        along = np.array([[squares**2, -2 * squares * times, times**2], [times**2, -2 * n * times, n**2]])
+        return offset, slope, along @ self._noise / determinant**2
 
 
 def offset_map(offset_dn: Array, noise_dn2: float, counted: Mask) -> Spread:
@@ -89,7 +94,7 @@ def offset_map(offset_dn: Array, noise_dn2: float, counted: Mask) -> Spread:
     pixels = shrunk(offset_dn - lines, noise_dn2, counted)
     mean = float(np.nanmean(use))
     whole = lines - mean
-    deviation = float(np.sqrt(pixels.deviation**2 + whole.var()))
+    deviation = float(np.sqrt(max(float(np.nanvar(use)) - noise_dn2, 0.0)))
     sigma = pixels.sigma * pixels.deviation / max(deviation, 1e-12)
     return Spread(np.where(counted, whole + pixels.values, 0.0), pixels.variance, deviation, float(sigma))
 

@@ -14,6 +14,7 @@ from service.pipeline.calibration import make_calibration
 from service.pipeline.calibrations import load_calibrations
 from service.pipeline.inputs import Progress
 from service.pipeline.mdf import make_mdf
+from service.pipeline.sensor import make_sensors
 from service.pipeline.srf import make_srf
 
 DEFAULT_RANK = 4  # of the factored BTF: the paper's number of eigenmaps
@@ -34,14 +35,14 @@ def process(
     calibrations = load_calibrations(calibrated)
     match session.plan:
         case CalibratePlan():
-            return [make_calibration(session, progress)]
+            return [make_calibration(session, calibrations, progress)]
         case SrfPlan():
-            return make_srf(session, progress)
+            return make_srf(session, calibrations, progress)
         case BtfPlan():
             return make_btf(session, calibrations, progress, rank)
         case MdfPlan():
             return [make_mdf(session, calibrations, progress)]
         case SensorPlan():
-            raise StateError(f"{session.folder}: sensor sessions are captured, their frames not yet processed.")
+            return make_sensors(session, progress)
         case LampsPlan():
             raise StateError(f"{session.folder}: sessions of kind lamps can be captured, but not processed yet.")

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.cameras.calibration import CameraModel
 from processing.cameras.rectification import Texels, rectify
 from processing.cameras.white_frame import WhiteFrame, reflectance, white_frame_radiance
 from processing.products import Btf, FactoredBtf, Provenance, StoredBtf
@@ -64,16 +63,15 @@ def _btf(session: Session, calibrations: Calibrations, progress: Progress, sourc
     shape = (len(layout.light_directions), len(layout.view_directions), texels, texels, 3)
     btf = np.full(shape, np.nan, np.float32)
     for number, stack in enumerate(progress.track(gathered, "merging and rectifying")):
-        camera = calibrations.camera(stack.camera)
-        btf[layout.places[number]] = _image(stack, camera, session.config.holder, texels)
+        btf[layout.places[number]] = _image(stack, calibrations, session.config.holder, texels)
     return Btf(btf, layout.light_directions, layout.view_directions, source)
 
 
-def _image(stack: Stack, camera: CameraModel, holder: SampleHolder, texels: int) -> NDArray[np.float32]:
+def _image(stack: Stack, calibrations: Calibrations, holder: SampleHolder, texels: int) -> NDArray[np.float32]:
     """Reflectance (y, x, channel) of the sample in one view under one light."""
     frame = WhiteFrame(holder.sample_mm / 1e3, holder.inner_mm / 1e3)
     rig_from_sample = geometry.rotation_z(stack.step.axes_rad["turntable"])
-    merged = merge(stack)
+    camera, merged = calibrations.camera(stack.camera), merge(stack, calibrations)
     grid = Texels(texels, holder.texels_mm / 1e3, holder.sample_mm / 1e3)
     seen = rectify(merged.radiance, camera, rig_from_sample, grid, merged.cfa)
     white = white_frame_radiance(merged.radiance, camera, rig_from_sample, frame, merged.cfa)

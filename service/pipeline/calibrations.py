@@ -8,9 +8,12 @@ from pathlib import Path
 
 from processing.cameras.calibration import CameraModel, read_cameras
 from processing.errors import CalibrationError
+from processing.radiometry.sensor import Sensor
+from processing.radiometry.sensor_calibration import SensorCalibration
 
 CALIBRATION = "calibration"  # product folder of a `calibrate` session
 CAMERAS = "cameras.json"
+SENSORS = "sensors"  # folder of a `sensor` session's products, one for each serial number
 
 
 @dataclass(frozen=True)
@@ -18,6 +21,7 @@ class Calibrations:
     """Every part that was measured, by name; what was not is missing."""
 
     cameras: Mapping[str, CameraModel] = field(default_factory=dict)
+    sensors: Mapping[str, SensorCalibration] = field(default_factory=dict)  # by serial number
 
     def camera(self, name: str) -> CameraModel:
         """The model of one camera. Raises CalibrationError that says how to get it."""
@@ -29,9 +33,26 @@ class Calibrations:
             raise CalibrationError(f"{name} is not calibrated; the calibration has: {', '.join(self.cameras)}.")
         return self.cameras[name]
 
+    def sensor(
+        self, serial: str, stated: Sensor, shape: tuple[int, ...], iso: float | None = None
+    ) -> SensorCalibration | None:
+        """The measured sensor that took frames (h, w) at this ISO, any where it is not known; None where there is none.
+
+        Raises CalibrationError where it was measured at another size or with other levels than the files state.
+        """
+        found = self.sensors.get(serial)
+        if found is None or (iso is not None and str(found.iso) != str(iso)):  # as text: an unknown ISO equals another
+            return None
+        found.check_fits(shape, stated)
+        return found
+
     def digest(self) -> str:
         """Identity of a calibration: the digest of all of its numbers."""
-        text = json.dumps({name: camera.to_json() for name, camera in self.cameras.items()}, sort_keys=True)
+        numbers = {
+            "cameras": {name: camera.to_json() for name, camera in self.cameras.items()},
+            "sensors": {serial: sensor.digest() for serial, sensor in self.sensors.items()},
+        }
+        text = json.dumps(numbers, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -41,9 +62,13 @@ def load_calibrations(folders: Sequence[Path]) -> Calibrations:
     Raises CalibrationError that names a session without such a result.
     """
     cameras: dict[str, CameraModel] = {}
+    sensors: dict[str, SensorCalibration] = {}
     for folder in folders:
         path = folder / "products" / CALIBRATION / CAMERAS
-        if not path.is_file():
+        measured = sorted((folder / "products" / SENSORS).glob("*/product.json"))
+        if not path.is_file() and not measured:
             raise CalibrationError(f"{folder}: not calibrated yet; run `rig process {folder}` first.")
-        cameras |= read_cameras(path)
-    return Calibrations(cameras)
+        cameras |= read_cameras(path) if path.is_file() else {}
+        found = [SensorCalibration.load(product.parent) for product in measured]
+        sensors |= {sensor.serial: sensor for sensor in found}
+    return Calibrations(cameras, sensors)

@@ -41,10 +41,12 @@ def _sweep(record: FrameRecord, config: RigConfig, calibrations: Calibrations) -
     turntable_rad, arc_rad = record.step.axes_rad["turntable"], record.step.axes_rad["light_arc"]
     assert config.laser is not None
     elevation_deg = float((record.step.mount or {})["laser_elevation_deg"])
+    stated = Sensor.from_noise_profile(float(about["black_dn"]), float(about["white_dn"]), slope, offset)
+    measured = calibrations.sensor(str(about["serial"]), stated, stored.shape[1:])
     return Sweep(
         view=f"{record.camera} at {degrees(turntable_rad):+.2f} deg",
         frames=np.asarray(stored[:]),
-        sensor=Sensor.from_noise_profile(float(about["black_dn"]), float(about["white_dn"]), slope, offset),
+        sensor=stated if measured is None else measured.counted_sensor,
         camera=calibrations.camera(record.camera),
         rig_from_sample=geometry.rotation_z(turntable_rad),
         mount=LaserMount(arc_rad, radians(elevation_deg), config.laser.distance_mm / 1e3),

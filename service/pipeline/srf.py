@@ -13,6 +13,7 @@ from processing.materials.srf import SrfFit, fit_phong, fit_srf
 from processing.products import ReflectanceMaps
 from processing.radiometry.mosaic import demosaic
 from rig.sessions import Session, SrfPlan
+from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 from service.pipeline.stacks import MergedStack, Stack, lamp_distance_m, light_direction, merge, stacks
 
@@ -21,25 +22,25 @@ MAP_SIZE = 256
 MAP_FROM_RIG = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
 
 
-def make_srf(session: Session, progress: Progress) -> list[Path]:
+def make_srf(session: Session, calibrations: Calibrations, progress: Progress) -> list[Path]:
     """Reflectance maps, and the SRF fitted to them: one joint lobe, the shortest residual per texel."""
     folders = [session.products / "reflectance_maps", session.products / "srf"]
-    inputs = fingerprint(session.frames(), {"size": MAP_SIZE})
+    inputs = fingerprint(session.frames(), {"size": MAP_SIZE, "calibrations": calibrations.digest()})
     if all(is_current(folder, inputs) for folder in folders):
         return folders
-    maps, _ = measure_maps(session, progress, inputs)
+    maps, _ = measure_maps(session, calibrations, progress, inputs)
     maps.save(folders[0])
     fit_material(maps).srf.save(folders[1])
     return folders
 
 
 def measure_maps(
-    session: Session, progress: Progress, inputs: dict[str, object]
+    session: Session, calibrations: Calibrations, progress: Progress, inputs: dict[str, object]
 ) -> tuple[ReflectanceMaps, SphereImage]:
     """Reflectance maps of all lights, and where the sphere was found."""
     assert isinstance(session.plan, SrfPlan)
     gathered = stacks(session.frames())
-    merged = [merge(stack) for stack in progress.track(gathered, "merging exposures")]
+    merged = [merge(stack, calibrations) for stack in progress.track(gathered, "merging exposures")]
     photographs = _photographs(session, gathered, merged)
     sphere = find_sphere(np.stack([_luminance(one) for one in merged]))
     card = session.plan.card

@@ -12,6 +12,7 @@ from processing.formats.raw import RawImage, read_raw
 from processing.radiometry.hdr import Radiance, merge_exposures
 from rig.config import RigConfig
 from rig.sessions import FrameRecord, Step
+from service.pipeline.calibrations import Calibrations
 
 Array = NDArray[np.float64]
 
@@ -43,12 +44,20 @@ def stacks(records: Iterable[FrameRecord]) -> list[Stack]:
     return [Stack(frames[0].camera, frames[0].step, tuple(frames)) for frames in gathered.values()]
 
 
-def merge(stack: Stack) -> MergedStack:
-    """Read every frame of a stack once and merge it. Raises ImageError where the frames do not belong together."""
+def merge(stack: Stack, calibrations: Calibrations) -> MergedStack:
+    """Read every frame of a stack once and merge it, with its camera's sensor as measured where that was done.
+
+    Raises ImageError where the frames do not belong together, CalibrationError where the sensor's maps do not fit.
+    """
     images = [read_raw(record.path) for record in stack.frames]
     _check_alike(stack, images)
     mosaics = np.stack([image.mosaic for image in images])
-    radiance = merge_exposures(mosaics, [image.exposure_s for image in images], images[0].sensor)
+    first, exposure_s = images[0], [image.exposure_s for image in images]
+    measured = calibrations.sensor(first.serial, first.sensor, first.mosaic.shape, first.iso)
+    if measured is None:
+        radiance = merge_exposures(mosaics, exposure_s, first.sensor)
+    else:
+        radiance = merge_exposures(measured.linear_dn(mosaics), exposure_s, measured.sensor, measured.correction)
     return MergedStack(radiance, images[0].cfa, tuple(image.unique_id for image in images))
 
 

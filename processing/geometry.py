@@ -73,12 +73,15 @@ def project(points_m: NDArray[np.floating], matrix: Array, distortion: Array, ri
 
     Distortion k1 k2 p1 p2 k3 as in OpenCV's calib3d.
     """
-    local = transform_points(invert(rig_from_camera), points_m).reshape(-1, 3)
-    front = local[:, 2] > 0
-    uv_px = np.full((len(local), 2), np.nan)
-    if front.any():
-        uv_px[front] = cv2.projectPoints(local[front], np.zeros(3), np.zeros(3), matrix, distortion)[0][:, 0]
-    return uv_px.reshape(*np.shape(points_m)[:-1], 2)
+    local = transform_points(invert(rig_from_camera), points_m)
+    depth = np.where(local[..., 2] > 0, local[..., 2], np.nan)
+    x, y = local[..., 0] / depth, local[..., 1] / depth
+    k1, k2, p1, p2, k3 = np.ravel(distortion)
+    xx, xy, yy = x * x, x * y, y * y
+    r2 = xx + yy
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    across, down = x * radial + 2 * p1 * xy + p2 * (r2 + 2 * xx), y * radial + p1 * (r2 + 2 * yy) + 2 * p2 * xy
+    return np.stack([across * matrix[0, 0] + matrix[0, 2], down * matrix[1, 1] + matrix[1, 2]], axis=-1)
 
 
 def pixel_rays(uv_px: NDArray[np.floating], matrix: Array, distortion: Array, rig_from_camera: Array) -> Array:

@@ -85,7 +85,8 @@ def rectify(
     reach = 1 if cfa is None else 2
     value, variance, status = resample_kernel.resample(*planes, channel, corners_px, reach)
     hidden = _obstruction(texels, geometry.transform_points(geometry.invert(rig_from_sample), camera.centre_m))
-    value[hidden > 0] = variance[hidden > 0] = np.nan
+    if hidden.any():
+        value[hidden > 0] = variance[hidden > 0] = np.nan
     return Rectified(value, variance, np.maximum(status, hidden), texels)
 
 
@@ -107,10 +108,17 @@ def _planes(
 
 def _obstruction(texels: Texels, centre_m: Array) -> NDArray[np.uint8]:
     """AVERTED, HIDDEN or 0 of every texel (n, n), seen from a sample-frame point."""
-    points = texels.centres_m
+    shape = (texels.count, texels.count)
     if centre_m[2] <= 0:
-        return np.full(points.shape[:2], TexelStatus.AVERTED, np.uint8)
-    # A line that leaves an upright opening does not come back: it is enough to look at its two ends.
-    at_rim = points + (centre_m - points) * min(texels.rim_m / centre_m[2], 1.0)
-    across = np.abs(np.stack([points, at_rim])[..., :2]).max(axis=(0, -1))
-    return np.where(across > texels.opening_m / 2, TexelStatus.HIDDEN, 0).astype(np.uint8)
+        return np.full(shape, TexelStatus.AVERTED, np.uint8)
+    if np.isinf(texels.opening_m):
+        return np.zeros(shape, np.uint8)
+    # A line that leaves an upright opening does not come back: it is enough to look at its two ends. How far out
+    # they lie along x depends on the column alone, along y on the row alone.
+    rise, half_m = min(texels.rim_m / centre_m[2], 1.0), texels.opening_m / 2
+    centres_m = texels.centres_m
+    column, row = (
+        (np.abs(along) > half_m) | (np.abs(along + (eye - along) * rise) > half_m)
+        for along, eye in ((centres_m[0, :, 0], centre_m[0]), (centres_m[:, 0, 1], centre_m[1]))
+    )
+    return np.where(column | row[:, None], TexelStatus.HIDDEN, 0).astype(np.uint8)

@@ -169,12 +169,15 @@ def preview(
 def merge(
     files: Annotated[list[Path], typer.Argument(help="Bracketed photographs: RAW or DNG, or JPEG with EXIF.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Linear picture to write (.exr).")],
+    measured_times: Annotated[
+        bool, typer.Option("--measured-times", help="Of RAW: go by the frames where they contradict their times.")
+    ] = False,
 ) -> None:
     """Merge bracketed photographs into one linear EXR with a variance layer, and a tone-mapped PNG beside it."""
     from service import measuring
 
     with reported_errors():
-        for line in measuring.merge_photographs(files, out):
+        for line in measuring.merge_photographs(files, out, measured_times=measured_times):
             tell(line)
 
 

@@ -12,7 +12,9 @@ from processing.laser.depth_picture import depth_picture, write_point_cloud
 from processing.laser.hand_sweep import laser_sweep
 from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
 from processing.radiometry.bracket import merge_files, write_merged
+from processing.radiometry.exposure import TimesVerdict
 from processing.radiometry.hdr import PixelStatus
+from processing.radiometry.stack import MergedExposures
 from render.picture import save_image
 from service import bench
 from service.bench_report import draw_report
@@ -22,9 +24,9 @@ from service.pictures import check_still, save_stripes
 INTRINSICS = "intrinsics.xml"
 
 
-def merge_photographs(files: Sequence[Path], out: Path) -> Iterator[str]:
+def merge_photographs(files: Sequence[Path], out: Path, *, measured_times: bool = False) -> Iterator[str]:
     """Merge a bracket into `out` (.exr) and a PNG beside it. Raises ImageError."""
-    merged = merge_files(files)
+    merged = merge_files(files, measured_times=measured_times)
     with replaced(out) as part:
         write_merged(merged, part)
     times = ", ".join(f"{time_s:.4g}" for time_s in merged.exposure_s)
@@ -33,8 +35,28 @@ def merge_photographs(files: Sequence[Path], out: Path) -> Iterator[str]:
     yield f"{len(files)} exposures of {camera} ({times} s); {saturated:.2%} saturated in all of them"
     if merged.assumed_sensor:
         yield "No noise profile in the files: gain and read noise are assumed, the variance is only indicative."
+    if merged.merged is not None:
+        yield from _about_frames(merged.merged)
     yield f"{out}: linear, with layers variance and status"
     yield f"{out.with_suffix('.png')}: tone-mapped"
+
+
+def _about_frames(merged: MergedExposures) -> Iterator[str]:
+    """What the frames of a RAW bracket showed about themselves."""
+    times, read = merged.times, merged.read
+    if times.verdict in (TimesVerdict.CORRECTED, TimesVerdict.CONTRADICTED):
+        worst = int(np.abs(np.log(times.scale)).argmax())
+        yield (
+            f"Exposure times corrected by what the frames share, at most {times.scale[worst] - 1:+.2%} "
+            f"+- {times.sigma[worst]:.2%} of {times.stated_s[worst]:.4g} s: flicker, or the shutter."
+        )
+    elif times.verdict == TimesVerdict.UNDETERMINED and len(times.stated_s) > 1:
+        yield "No two exposures show the same part of the scene well: their stated times could not be checked."
+    if read.read_ratio < 1:
+        yield (
+            f"{read.read_ratio:.0%} of the samples were read; {read.saturated.mean():.0%} are saturated, "
+            f"{read.outweighed.mean():.0%} tell less than the other exposures."
+        )
 
 
 def measure_displacement(source: Path, out: Path) -> Iterator[str]:

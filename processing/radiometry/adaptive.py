@@ -5,7 +5,7 @@ saturated. To leave out frames of information I_skip beside others of I_read mov
 sqrt(I_skip / (I_read + I_skip)) of its own standard deviation: what stays under a stated share need not be read.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -21,11 +21,13 @@ from processing.radiometry.tile_kernel import tile_extremes
 
 Array = NDArray[np.float64]
 Tiles = NDArray[np.bool_]
+Curve = Callable[[NDArray[np.uint16]], NDArray[np.generic]]
 Sample = TypeVar("Sample", bound=np.generic)
 
 SHARE = 0.1  # of its standard deviation by which a result may change: its error grows by half a percent
 TILE_PX = 64
-SURVEY = 12  # one tile of so many is decoded in every frame, for what only the comparison of frames shows
+SURVEY = 12  # one tile of so many is decoded in every frame, for what only the comparison of frames shows,
+SURVEY_TILES = 16  # and of small images one of fewer, so that there are about so many
 _LEVEL_RATIO = 1.1
 _MARGIN = 4.0  # standard deviations by which a tile's extremes may be off
 _PHI = 0.6180339887  # golden section: spreads the surveyed tiles evenly over rows and columns
@@ -58,6 +60,8 @@ def merge_adaptively(
     exposure_s: ArrayLike,
     sensor: Sensor,
     correction: PixelCorrection | None = None,
+    *,
+    linear_dn: Curve = np.asarray,
     share: float = SHARE,
 ) -> AdaptiveMerge:
     """Merge frames (h, w), touching no tile of one that would change a result by more than `share` of its deviation.
@@ -65,16 +69,22 @@ def merge_adaptively(
     Within every tile the rms difference to the merge of all samples is under `share` of the standard deviation. A
     first frame, the one that most levels need, gives each tile's range of radiance, with noise margins; frames that
     matter within that range are read, and narrow it. Tiles of the `survey` are read whole. Memory-mapped frames are
-    not read from disk elsewhere, but for the system's whole pages. Share 0 reads all.
+    not read from disk elsewhere, but for the system's whole pages. Share 0 reads all. `linear_dn` makes counts linear,
+    rising with them.
     Raises ImageError where frames, exposures and correction do not fit together.
     """
     times = np.asarray(exposure_s, np.float64)
     _check(frames, times, share)
     needs = _Needs(times, sensor, share)
     hot = np.zeros((0, 0), np.bool_) if correction is None else correction.hot
-    reading = _Reading(frames, times, sensor, needs, hot)
+    reading = _Reading(frames, times, needs, hot, lambda dn: _bounds(linear_dn(dn), sensor))
     reading.run(survey(frames[0].shape))
-    return AdaptiveMerge(_merge_tiles(frames, times, sensor, correction, reading.decoded), reading.report())
+
+    def merge(used: NDArray[np.intp], tiles: list[tuple[slice, slice]]) -> Radiance:
+        stack = linear_dn(np.stack([_gather(frames[i], tiles) for i in used]))
+        return merge_exposures(stack, times[used], sensor, _gathered(correction, tiles))
+
+    return AdaptiveMerge(_merge_tiles(merge, reading.decoded, frames[0].shape), reading.report())
 
 
 def adaptive_read_ratio(raw_dn: NDArray[np.uint16], exposure_s: ArrayLike, sensor: Sensor) -> float:
@@ -83,12 +93,20 @@ def adaptive_read_ratio(raw_dn: NDArray[np.uint16], exposure_s: ArrayLike, senso
 
 
 def survey(shape: tuple[int, ...]) -> Tiles:
-    """Which tiles (rows, columns) of images (h, w) are decoded in every frame: one of `SURVEY`, evenly spread."""
+    """Which tiles (rows, columns) of images (h, w) are decoded in every frame, evenly spread."""
     rows, columns = (-(-size // TILE_PX) for size in shape)
-    number = np.arange(rows)[:, None] * _PHI + np.arange(columns) / SURVEY
-    picked = (number + 0.5 / SURVEY) % 1.0 < 1 / SURVEY
+    pitch = min(max(rows * columns / SURVEY_TILES, 1.0), SURVEY)
+    number = np.arange(rows)[:, None] * _PHI + np.arange(columns) / pitch
+    picked = (number + 0.5 / pitch) % 1.0 < 1 / pitch
     picked[rows // 2, columns // 2] = True
     return picked
+
+
+def survey_patches(frames: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
+    """The surveyed tiles of all frames, (k, n, h, w); of images without a whole one, the images."""
+    tiles = [tile_slices((y, x)) for y, x in np.argwhere(survey(frames[0].shape))]
+    whole = [tile for tile in tiles if frames[0][tile].shape == (TILE_PX, TILE_PX)]
+    return np.stack([[frame[tile] for tile in whole or [(slice(None), slice(None))]] for frame in frames])
 
 
 def tile_slices(tile: tuple[int, int]) -> tuple[slice, slice]:
@@ -171,26 +189,23 @@ def _information(levels: Array, times: Array, sensor: Sensor) -> Array:
     return np.asarray(np.where(a <= -8.0, 0.0, factor) * times**2 / variance, np.float64)
 
 
-def _bounds(least: NDArray[np.uint16], greatest: NDArray[np.uint16], sensor: Sensor) -> tuple[Array, Array]:
-    """Range of the mean electrons m of samples y between these: |y - m| <= `_MARGIN` sqrt(m + dark variance)."""
-
-    def spread(electrons: Array) -> Array:
-        return _MARGIN * np.sqrt(np.maximum(electrons + sensor.dark_variance_e2, 0.0) + _MARGIN**2 / 4)
-
-    low, high = (
-        (np.minimum(dn, sensor.white_dn - 0.5) - sensor.black_dn) * sensor.gain_e_per_dn for dn in (least, greatest)
-    )
-    above = np.where(greatest >= sensor.white_dn, np.inf, high + _MARGIN**2 / 2 + spread(high))
-    return np.maximum(low + _MARGIN**2 / 2 - spread(low), 0.0), np.maximum(above, 0.0)
+def _bounds(extremes_dn: NDArray[np.generic], sensor: Sensor) -> Array:
+    """Range (2, n) of the mean electrons m of samples y: |y - m| <= `_MARGIN` sqrt(m + dark variance)."""
+    dn = np.asarray(extremes_dn, np.float64)
+    electrons = (np.minimum(dn, sensor.white_dn - 0.5) - sensor.black_dn) * sensor.gain_e_per_dn + _MARGIN**2 / 2
+    spread = _MARGIN * np.sqrt(np.maximum(electrons + sensor.dark_variance_e2 - _MARGIN**2 / 4, 0.0))
+    bounds = np.maximum(electrons + np.array([[-1.0], [1.0]]) * spread, 0.0)
+    bounds[1, dn[1] >= sensor.white_dn] = np.inf
+    return np.asarray(bounds, np.float64)
 
 
 class _Reading:
     """Decides tile by tile which frames are decoded; `decoded` (k, rows, columns of tiles)."""
 
     def __init__(
-        self, frames: Sequence[NDArray[np.uint16]], times: Array, sensor: Sensor, needs: _Needs, hot: Tiles
+        self, frames: Sequence[NDArray[np.uint16]], times: Array, needs: _Needs, hot: Tiles, bounds: Curve
     ) -> None:
-        self._frames, self._times, self._sensor, self._needs, self._hot = frames, times, sensor, needs, hot
+        self._frames, self._times, self._needs, self._hot, self._bounds = frames, times, needs, hot, bounds
         self._shape = frames[0].shape
         grid = tuple(-(-size // TILE_PX) for size in self._shape)
         self._low, self._high = np.zeros(grid), np.full(grid, np.inf)
@@ -219,10 +234,9 @@ class _Reading:
     def _read(self, frame: int, tiles: NDArray[np.intp]) -> None:
         """Touch these tiles of a frame and narrow their ranges."""
         y, x = tiles.T
-        least, greatest = tile_extremes(self._frames[frame], tiles, TILE_PX, self._hot)
-        low, high = _bounds(least, greatest, self._sensor)
-        low, high = np.maximum(self._low[y, x], low / self._times[frame]), high / self._times[frame]
-        high = np.minimum(self._high[y, x], high)
+        extremes = np.stack(tile_extremes(self._frames[frame], tiles, TILE_PX, self._hot))
+        low, high = self._bounds(extremes) / self._times[frame]
+        low, high = np.maximum(self._low[y, x], low), np.minimum(self._high[y, x], high)
         # Where something moved the bounds of two frames may contradict each other: then both are kept.
         self._low[y, x], self._high[y, x] = np.minimum(low, high), np.maximum(low, high)
         self.decoded[frame, y, x] = True
@@ -240,18 +254,12 @@ class _Reading:
 
 
 def _merge_tiles(
-    frames: Sequence[NDArray[np.uint16]],
-    times: Array,
-    sensor: Sensor,
-    correction: PixelCorrection | None,
-    decoded: Tiles,
+    merge: Callable[[NDArray[np.intp], list[tuple[slice, slice]]], Radiance], decoded: Tiles, shape: tuple[int, ...]
 ) -> Radiance:
     """Merge the tiles that have the same frames in one call each."""
-    shape = frames[0].shape
     merged = Radiance(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8))
     for used, tiles in _alike(decoded, shape):
-        stack = np.stack([_gather(frames[i], tiles) for i in used])
-        part = merge_exposures(stack, times[used], sensor, _gathered(correction, tiles))
+        part = merge(used, tiles)
         _scatter(merged.value, part.value, tiles)
         _scatter(merged.variance, part.variance, tiles)
         _scatter(merged.status, part.status, tiles)

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from processing.errors import ImageError
 from processing.formats.exr import ExrImage, write_exr
 from processing.formats.photo import Photograph, read_photo
-from processing.formats.raw import RawImage, read_raw
+from processing.formats.raw import RawImage, map_raw
 from processing.radiometry.display import tonemap
-from processing.radiometry.hdr import PixelStatus, Radiance, merge_exposures
+from processing.radiometry.exposure import ExposureTimes
+from processing.radiometry.hdr import PixelStatus, Radiance
 from processing.radiometry.mosaic import demosaic, white_balance
 from processing.radiometry.photographs import merge_photographs
 from processing.radiometry.response import Response
+from processing.radiometry.stack import Exposures, MergedExposures, merge_stack
 
 RAW_SUFFIXES = frozenset(
     ".3fr .arw .cr2 .cr3 .dng .erf .fff .iiq .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .raw .rw2 .rwl .srw".split()
@@ -32,7 +34,8 @@ class MergedImage:
 
     `radiance` (h, w, 3): of RAW, white-balanced camera colours in electrons per second, green as measured; of
     photographs, sRGB primaries in relative units with a `response`. `srgb_from_camera` (3, 3) takes the colours to
-    sRGB primaries. `exposure_s` rises, `files` in the same order.
+    sRGB primaries. `exposure_s`, as the files state it, rises, `files` in the same order. `merged` says of RAW what
+    its frames showed: the times that were used, and what was read.
     """
 
     radiance: Radiance
@@ -42,11 +45,14 @@ class MergedImage:
     srgb_from_camera: NDArray[np.float64]
     response: Response | None = None
     assumed_sensor: bool = False
+    merged: MergedExposures | None = None
 
 
-def merge_files(paths: Sequence[Path]) -> MergedImage:
-    """Merge bracketed files, given in any order, each read once.
+def merge_files(paths: Sequence[Path], *, measured_times: bool = False) -> MergedImage:
+    """Merge bracketed files, given in any order, each read once, or less where parts of a RAW file tell nothing.
 
+    Exposure times of RAW files that the frames contradict are an error, unless `measured_times` replaces them by what
+    the frames say.
     Raises ImageError that names the files: none given, one named twice, RAW and pictures mixed, different sizes,
     cameras, ISO or apertures, missing or equal exposure times, or a file that cannot be read.
     """
@@ -57,17 +63,21 @@ def merge_files(paths: Sequence[Path]) -> MergedImage:
     raw = [path.suffix.lower() in RAW_SUFFIXES for path in paths]
     if any(raw) and not all(raw):
         raise ImageError(f"{paths[raw.index(True)]} is RAW and {paths[raw.index(False)]} is not; merge one kind.")
-    return _merge_raw(paths) if all(raw) else _merge_photographs(paths)
+    return _merge_raw(paths, measured_times) if all(raw) else _merge_photographs(paths)
 
 
-def _merge_raw(paths: Sequence[Path]) -> MergedImage:
-    frames = {path: read_raw(path) for path in paths}
+def _merge_raw(paths: Sequence[Path], measured_times: bool) -> MergedImage:
+    frames = {path: map_raw(path) for path in paths}
     _check_same("sizes", {path: frame.mosaic.shape for path, frame in frames.items()})
     _check_same("cameras", {path: f"{frame.model} {frame.serial}".strip() for path, frame in frames.items()})
     order = _ordered(frames)
     _check_same("sensor levels", {path: frame.sensor for path, frame in frames.items()})
     first, exposure_s = frames[order[0]], [frames[path].exposure_s for path in order]
-    mosaic = merge_exposures(np.stack([frames[path].mosaic for path in order]), exposure_s, first.sensor)
+    mosaics = [np.asarray(frames[path].mosaic) for path in order]
+    merged = merge_stack(
+        Exposures(mosaics, exposure_s, [str(path) for path in order], first.sensor), measured_times=measured_times
+    )
+    mosaic = merged.radiance
     image, variance = white_balance(*demosaic(mosaic.value, mosaic.variance, first.cfa), first.white_balance)
     return MergedImage(
         radiance=Radiance(image, variance, _colour_status(image, variance, mosaic.status)),
@@ -76,6 +86,7 @@ def _merge_raw(paths: Sequence[Path]) -> MergedImage:
         camera=first.model,
         srgb_from_camera=_srgb_from_camera(first.camera_from_xyz),
         assumed_sensor=first.sensor.assumed,
+        merged=merged,
     )
 
 
@@ -162,6 +173,14 @@ def _write_png(path: Path, srgb8: NDArray[np.uint8]) -> None:
         raise ImageError(f"{path}: cannot be written: {error.strerror}.") from error
 
 
+def _measured_times(times: ExposureTimes) -> str:
+    """Each frame's exposure time as its overlap with the others says, with its deviation; a dash where it does not."""
+    return " ".join(
+        f"{time:.6g}+-{time * sigma:.2g}" if np.isfinite(sigma) else "-"
+        for time, sigma in zip(times.measured_s, times.sigma, strict=True)
+    )
+
+
 def _metadata(merged: MergedImage) -> dict[str, str]:
     """What each number of the file means, in the file."""
     relative = merged.response is not None
@@ -171,6 +190,7 @@ def _metadata(merged: MergedImage) -> dict[str, str]:
         "radianceUnit": unit + (" (assumed gain: the camera states no noise profile)" if merged.assumed_sensor else ""),
         "camera": merged.camera,
         "exposureTimes": " ".join(f"{time:.6g}" for time in merged.exposure_s),
+        "measuredTimes": "" if merged.merged is None else _measured_times(merged.merged.times),
         "sources": " ".join(path.name for path in merged.files),
         "srgbFromCamera": " ".join(f"{value:.6f}" for value in np.ravel(merged.srgb_from_camera)),
         "response": "" if merged.response is None else " ".join(f"{g:.4f}" for g in merged.response.log_exposure),

@@ -1,15 +1,18 @@
 """Bracketed exposures of a session, gathered and merged: one radiance image per pose, light and camera."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, radians, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
-from processing.formats.raw import RawImage, read_raw
-from processing.radiometry.hdr import Radiance, merge_exposures
+from processing.formats.raw import RawImage, map_raw
+from processing.radiometry.adaptive import ReadReport
+from processing.radiometry.exposure import ExposureTimes
+from processing.radiometry.hdr import Radiance
+from processing.radiometry.stack import Exposures, merge_stack
 from rig.config import RigConfig
 from rig.sessions import FrameRecord, Step
 from service.pipeline.calibrations import Calibrations
@@ -28,11 +31,13 @@ class Stack:
 
 @dataclass(frozen=True, slots=True)
 class MergedStack:
-    """The radiance mosaic of a stack in e-/s, its colour pattern, and the identities of its frames."""
+    """The radiance mosaic of a stack in e-/s, its colour pattern, the identities of its frames, what they showed."""
 
     radiance: Radiance
     cfa: NDArray[np.uint8]
     unique_ids: tuple[str, ...]
+    times: ExposureTimes
+    read: ReadReport
 
 
 def stacks(records: Iterable[FrameRecord]) -> list[Stack]:
@@ -45,20 +50,30 @@ def stacks(records: Iterable[FrameRecord]) -> list[Stack]:
 
 
 def merge(stack: Stack, calibrations: Calibrations) -> MergedStack:
-    """Read every frame of a stack once and merge it, with its camera's sensor as measured where that was done.
+    """Merge the frames of a stack by the exposures that they really had, reading what matters to the result.
 
-    Raises ImageError where the frames do not belong together, CalibrationError where the sensor's maps do not fit.
+    The camera's sensor is as measured, where that was done. Raises ImageError where the frames do not belong together
+    or an exposure contradicts the others, CalibrationError where the sensor's maps do not fit.
     """
-    images = [read_raw(record.path) for record in stack.frames]
+    images = [map_raw(record.path) for record in stack.frames]
     _check_alike(stack, images)
-    mosaics = np.stack([image.mosaic for image in images])
-    first, exposure_s = images[0], [image.exposure_s for image in images]
+    merged = merge_stack(_exposures(stack, images, calibrations))
+    unique_ids = tuple(image.unique_id for image in images)
+    return MergedStack(merged.radiance, images[0].cfa, unique_ids, merged.times, merged.read)
+
+
+def _exposures(stack: Stack, images: list[RawImage], calibrations: Calibrations) -> Exposures:
+    first = images[0]
+    stated = Exposures(
+        [np.asarray(image.mosaic) for image in images],
+        [image.exposure_s for image in images],
+        [str(record.path) for record in stack.frames],
+        first.sensor,
+    )
     measured = calibrations.sensor(first.serial, first.sensor, first.mosaic.shape, first.iso)
     if measured is None:
-        radiance = merge_exposures(mosaics, exposure_s, first.sensor)
-    else:
-        radiance = merge_exposures(measured.linear_dn(mosaics), exposure_s, measured.sensor, measured.correction)
-    return MergedStack(radiance, images[0].cfa, tuple(image.unique_id for image in images))
+        return stated
+    return replace(stated, sensor=measured.sensor, correction=measured.correction, linear_dn=measured.linear_dn)
 
 
 def light_direction(config: RigConfig, step: Step) -> Array:

@@ -1,0 +1,58 @@
+"""One bracketed stack, from its frames to radiance: times measured, movement looked for, needless parts not read."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.radiometry.adaptive import SHARE, Curve, ReadReport, merge_adaptively, survey_patches
+from processing.radiometry.exposure import ExposureTimes, TimesVerdict, exposure_times, times_error
+from processing.radiometry.hdr import Radiance
+from processing.radiometry.sensor import PixelCorrection, Sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Exposures:
+    """Frames (h, w) of one camera that differ in exposure alone, possibly on disk, with their names for messages.
+
+    `linear_dn` makes their counts linear.
+    """
+
+    frames: Sequence[NDArray[np.uint16]]
+    exposure_s: Sequence[float]
+    names: Sequence[str]
+    sensor: Sensor
+    correction: PixelCorrection | None = None
+    linear_dn: Curve = np.asarray
+
+
+@dataclass(frozen=True, eq=False)
+class MergedExposures:
+    """Radiance of the mosaic, and what was found out about its frames."""
+
+    radiance: Radiance
+    times: ExposureTimes
+    read: ReadReport
+
+
+def merge_stack(exposures: Exposures, *, measured_times: bool = False, share: float = SHARE) -> MergedExposures:
+    """Merge by the times that the frames themselves confirm, reading what changes the result.
+
+    Departures of the times beyond the noise are corrected. Gross ones (`exposure.GROSS`) raise ImageError that names
+    the frames, unless `measured_times` says that the measured ones are to be used. A result changes by less than
+    `share` of its standard deviation for what is not read.
+    """
+    patches = exposures.linear_dn(survey_patches(exposures.frames))
+    times = exposure_times(patches, exposures.exposure_s, exposures.sensor)
+    if times.verdict == TimesVerdict.CONTRADICTED and not measured_times:
+        raise times_error(times, exposures.names)
+    merged = merge_adaptively(
+        exposures.frames,
+        times.exposure_s,
+        exposures.sensor,
+        exposures.correction,
+        linear_dn=exposures.linear_dn,
+        share=share,
+    )
+    return MergedExposures(merged.radiance, times, merged.report)

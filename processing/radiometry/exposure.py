@@ -18,7 +18,8 @@ from processing.radiometry.sensor import Sensor
 Array = NDArray[np.float64]
 
 GROSS = 1.2  # a time that is wrong by more than this factor was not flicker
-SYSTEMATIC = 1e-3  # what a sensor's own nonlinearity may feign; smaller departures are not corrected
+SYSTEMATIC = 5e-3  # what a sensor's nonlinearity may feign; smaller departures are not corrected
+LINEARISED = 1e-3  # the same where the nonlinearity was measured
 _SIGNIFICANT = 4.0  # standard deviations
 _MARGIN = 5.0  # standard deviations of a sample below saturation within which its level is not used
 _LEVEL_RATIO = 3.0  # dark pixels are kept from bright ones: they weigh less
@@ -46,13 +47,15 @@ class ExposureTimes:
 
     `scale` is true over stated exposure, 1 where the overlap does not determine it; `sigma` its standard deviation,
     there infinite. Gauge: the stated times are right on the average of their logarithms, over the frames that are
-    not gross. `disturbed_share` of the compared pixels lie where the frames disagree: something moved.
+    not gross. `disturbed_share` of the compared pixels lie where the frames disagree: something moved. Departures
+    under `systematic` are not told from the sensor's nonlinearity.
     """
 
     stated_s: Array
     scale: Array
     sigma: Array
     disturbed_share: float
+    systematic: float = SYSTEMATIC
 
     @property
     def verdict(self) -> TimesVerdict:
@@ -62,7 +65,7 @@ class ExposureTimes:
         if self.gross.size:
             return TimesVerdict.CONTRADICTED
         departure = np.abs(np.log(self.scale))
-        beyond = departure > np.maximum(_SIGNIFICANT * self.sigma, SYSTEMATIC)
+        beyond = departure > np.maximum(_SIGNIFICANT * self.sigma, self.systematic)
         return TimesVerdict.CORRECTED if beyond.any() else TimesVerdict.CONSISTENT
 
     @property
@@ -88,7 +91,9 @@ class ExposureTimes:
         return len(stated) > 1 and bool((np.abs(np.log(measured / stated)) < log(GROSS)).all())
 
 
-def exposure_times(raw_dn: NDArray[np.generic], exposure_s: ArrayLike, sensor: Sensor) -> ExposureTimes:
+def exposure_times(
+    raw_dn: NDArray[np.generic], exposure_s: ArrayLike, sensor: Sensor, systematic: float = SYSTEMATIC
+) -> ExposureTimes:
     """Relative exposures of frames (k, h, w), or patches of them (k, n, h, w), by maximum likelihood.
 
     Over squares of neighbouring pixels of one level, a frame's sum Y_i has mean n R T_i and variance
@@ -100,12 +105,12 @@ def exposure_times(raw_dn: NDArray[np.generic], exposure_s: ArrayLike, sensor: S
     """
     patches, stated_s = _checked(raw_dn, exposure_s)
     alive = np.array([bool((frame < sensor.white_dn).any()) for frame in patches])  # False for NaN too
-    if alive.sum() < 2:
-        return _stated(stated_s)
-    found = _measured(patches if alive.all() else patches[alive], stated_s[alive], sensor)
-    scale, sigma = np.ones(len(stated_s)), np.full(len(stated_s), np.inf)
-    scale[alive], sigma[alive] = found.scale, found.sigma
-    return ExposureTimes(stated_s, scale, sigma, found.disturbed_share)
+    scale, sigma, disturbed_share = np.ones(len(stated_s)), np.full(len(stated_s), np.inf), 0.0
+    if alive.sum() > 1:
+        fit = _measured(patches if alive.all() else patches[alive], stated_s[alive], sensor)
+        scale[alive], sigma[alive] = _gauged(fit)
+        disturbed_share = fit.disturbed_share
+    return ExposureTimes(stated_s, scale, sigma, disturbed_share, systematic)
 
 
 def times_error(times: ExposureTimes, names: Sequence[str]) -> ImageError:
@@ -131,11 +136,7 @@ def _checked(raw_dn: NDArray[np.generic], exposure_s: ArrayLike) -> tuple[NDArra
     return (patches if patches.dtype == np.uint16 else patches.astype(np.float32)), stated_s
 
 
-def _stated(stated_s: Array) -> ExposureTimes:
-    return ExposureTimes(stated_s, np.ones(len(stated_s)), np.full(len(stated_s), np.inf), 0.0)
-
-
-def _measured(patches: NDArray[np.generic], stated_s: Array, sensor: Sensor) -> ExposureTimes:
+def _measured(patches: NDArray[np.generic], stated_s: Array, sensor: Sensor) -> "_Fit":
     """Gather and solve in turn, until the scales move no pixel to other frames."""
     log_scale = _first_look(patches, stated_s, sensor)
     for _ in range(_PASSES):
@@ -143,7 +144,7 @@ def _measured(patches: NDArray[np.generic], stated_s: Array, sensor: Sensor) -> 
         change, log_scale = np.abs(fit.log_scale - log_scale).max(), fit.log_scale
         if change < _SETTLED:
             break
-    return _gauged(stated_s, fit)
+    return fit
 
 
 def _first_look(patches: NDArray[np.generic], stated_s: Array, sensor: Sensor) -> Array:
@@ -260,9 +261,9 @@ def _linked(information: Array) -> NDArray[np.int32]:
     return np.asarray(label, np.int32)
 
 
-def _gauged(stated_s: Array, fit: _Fit) -> ExposureTimes:
-    """Scales of the largest set of linked frames, in the gauge of `ExposureTimes`."""
-    frames = len(stated_s)
+def _gauged(fit: _Fit) -> tuple[Array, Array]:
+    """Scales of the largest set of linked frames and their deviations, in the gauge of `ExposureTimes`."""
+    frames = len(fit.log_scale)
     scale, sigma = np.ones(frames), np.full(frames, np.inf)
     label = _linked(fit.information)
     members = np.flatnonzero(label == np.bincount(label).argmax())
@@ -274,4 +275,4 @@ def _gauged(stated_s: Array, fit: _Fit) -> ExposureTimes:
         covariance = project @ _pseudo_inverse(fit.information[np.ix_(members, members)]) @ project.T
         scale[members] = np.exp(project @ log_scale)
         sigma[members] = np.sqrt(np.maximum(np.diag(covariance), 0.0) * fit.excess)
-    return ExposureTimes(stated_s, scale, sigma, fit.disturbed_share)
+    return scale, sigma

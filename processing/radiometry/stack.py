@@ -7,7 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.radiometry.adaptive import SHARE, Curve, ReadReport, merge_adaptively, survey_patches
-from processing.radiometry.exposure import ExposureTimes, TimesVerdict, exposure_times, times_error
+from processing.radiometry.exposure import (
+    LINEARISED,
+    SYSTEMATIC,
+    ExposureTimes,
+    TimesVerdict,
+    exposure_times,
+    times_error,
+)
 from processing.radiometry.hdr import Radiance
 from processing.radiometry.sensor import PixelCorrection, Sensor
 
@@ -16,7 +23,7 @@ from processing.radiometry.sensor import PixelCorrection, Sensor
 class Exposures:
     """Frames (h, w) of one camera that differ in exposure alone, possibly on disk, with their names for messages.
 
-    `linear_dn` makes their counts linear.
+    `linear_dn` makes their counts linear, where the sensor was measured.
     """
 
     frames: Sequence[NDArray[np.uint16]]
@@ -24,7 +31,7 @@ class Exposures:
     names: Sequence[str]
     sensor: Sensor
     correction: PixelCorrection | None = None
-    linear_dn: Curve = np.asarray
+    linear_dn: Curve | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +50,10 @@ def merge_stack(exposures: Exposures, *, measured_times: bool = False, share: fl
     the frames, unless `measured_times` says that the measured ones are to be used. A result changes by less than
     `share` of its standard deviation for what is not read.
     """
-    patches = exposures.linear_dn(survey_patches(exposures.frames))
-    times = exposure_times(patches, exposures.exposure_s, exposures.sensor)
+    linear_dn = exposures.linear_dn or np.asarray
+    patches = linear_dn(survey_patches(exposures.frames))
+    systematic = SYSTEMATIC if exposures.linear_dn is None else LINEARISED
+    times = exposure_times(patches, exposures.exposure_s, exposures.sensor, systematic)
     if times.verdict == TimesVerdict.CONTRADICTED and not measured_times:
         raise times_error(times, exposures.names)
     merged = merge_adaptively(
@@ -52,7 +61,7 @@ def merge_stack(exposures: Exposures, *, measured_times: bool = False, share: fl
         times.exposure_s,
         exposures.sensor,
         exposures.correction,
-        linear_dn=exposures.linear_dn,
+        linear_dn=linear_dn,
         share=share,
     )
     return MergedExposures(merged.radiance, times, merged.report)

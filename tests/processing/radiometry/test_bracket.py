@@ -7,6 +7,7 @@ from PIL import Image
 
 from processing.errors import ImageError
 from processing.formats.exr import read_exr
+from processing.formats.raw import read_raw
 from processing.radiometry.bracket import merge_files, write_merged
 from processing.radiometry.hdr import PixelStatus
 from tests.public_data import DATA
@@ -127,3 +128,21 @@ def test_a_real_room_is_consistent_over_its_exposures():
     mid = (shades > 60) & (shades < 200)
     predicted = np.interp(np.log(radiance.value[mid] / 8), merged.response.log_exposure, np.arange(256))
     assert 1.4826 * np.median(np.abs(predicted - shades[mid])) < 3  # JPEG noise is one to two codes
+
+
+def test_exposure_times_that_the_frames_contradict_are_an_error_or_replaced(tmp_path):
+    paths = raw_files(tmp_path, radiance=4000.0, times=(0.5, 0.25, 0.05))
+    swapped = [tmp_path / "a.dng", tmp_path / "b.dng"]
+    for path, source, stated_s in zip(swapped, paths, (0.25, 0.5), strict=False):
+        path.write_bytes(dng(read_raw(source).mosaic, exposure_s=stated_s, noise_profile=PROFILE))
+    with pytest.raises(ImageError, match=r"swapped exposure times: .*b.dng states 0.5 s and measures 0.2[45]"):
+        merge_files([*swapped, paths[2]])
+    merged = merge_files([*swapped, paths[2]], measured_times=True)
+    assert np.nanmean(merged.radiance.value[..., 1]) == pytest.approx(4000, rel=0.01)
+    path, _ = write_merged(merged, tmp_path / "out.exr")
+    assert read_exr(path).metadata["measuredTimes"].count("+-") == 3
+
+
+def test_one_raw_file_alone_is_an_image(tmp_path):
+    merged = merge_files(raw_files(tmp_path)[1:2])
+    assert np.nanmean(merged.radiance.value[..., 1]) == pytest.approx(4000, rel=0.02)

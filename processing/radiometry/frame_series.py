@@ -95,14 +95,18 @@ class _Sums:
         if digest == self._last and np.mean(counts == counts.max()) < SATURATED:
             return
         self._last = digest
-        values = counts.astype(np.float64)
-        self._check(values)
-        level = phase_mean(values)
-        values -= tiled(level, values.shape)
+        self._check(counts)
         if not self.taken_s:
-            self._total, self._squares = np.zeros_like(values), np.zeros_like(values)
-        self._total += values
-        self._squares += values**2
+            self._total, self._squares = np.zeros(counts.shape), np.zeros(counts.shape)
+        level = np.empty(4)
+        for phase, (row, column) in enumerate(PHASES):
+            part = np.s_[row::2, column::2]
+            values = counts[part].astype(np.float64)
+            level[phase] = values.mean()
+            values -= level[phase]
+            self._total[part] += values
+            values *= values
+            self._squares[part] += values
         self._levels.append(level)
         self.taken_s.append(frame.taken_s)
 
@@ -113,14 +117,14 @@ class _Sums:
         mean += tiled(levels.mean(axis=0), mean.shape)
         return Series(exposure_s, mean, scatter, levels, np.array(self.taken_s))
 
-    def _check(self, values: Array) -> None:
+    def _check(self, values: NDArray[np.generic]) -> None:
         if values.ndim != 2 or min(values.shape) < SMALLEST_PX:
             raise ImageError(
                 f"a frame of shape {values.shape}; a mosaic (h, w) of {SMALLEST_PX} pixels or more needed."
             )
         if self.taken_s and values.shape != self._total.shape:
             raise ImageError(f"frames of {self._total.shape} and {values.shape} pixels in one series.")
-        if not np.isfinite(values).all():
+        if not np.all(np.isfinite(values)):
             raise ImageError(f"frame {len(self.taken_s) + 1} of a series holds values that are not finite.")
 
 
@@ -153,11 +157,6 @@ def _highest(values: Array, counted: Mask) -> float:
 def phase_sum(values: NDArray[np.generic]) -> Array:
     """Sums (4,) over each phase of a mosaic (h, w)."""
     return np.array([values[row::2, column::2].sum(dtype=np.float64) for row, column in PHASES])
-
-
-def phase_mean(values: Array) -> Array:
-    """Means (4,) over each phase of a mosaic (h, w)."""
-    return np.array([values[row::2, column::2].mean() for row, column in PHASES])
 
 
 def tiled(per_phase: Array, shape: tuple[int, ...]) -> Array:

@@ -10,7 +10,6 @@ Array = NDArray[np.float64]
 SIGNIFICANT = 20.0  # fall of chi-squared by the two coefficients; 1 in 20 000 by chance
 NEGLIGIBLE = 1e-4  # of the signal at its highest level
 FORM = 5e-5  # of the signal: what two coefficients leave of a smooth curve that loses 1 % at its end
-LEAST_LEVELS = 5  # different exposures of a channel that two coefficients and a rate need
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +69,7 @@ def fit_linearity(
 
     Levels, their variances, exposure times (corrected for the light's drift) and channels are (n,). Weighted linear
     least squares of L(level) = rate t over the two coefficients and each channel's rate. The line is kept where the
-    curve is not significant, or the levels are too few to tell.
+    curve is not significant.
     """
     names = np.unique(channel)
     times = np.where(channel[:, None] == names, light_s[:, None], 0.0)
@@ -78,12 +77,11 @@ def fit_linearity(
     curve = span_dn * np.stack([share**2, share**3], axis=1)
     weight = 1 / np.sqrt(variance_dn2)
     straight = _solve(times, level_dn, weight)
-    enough = min(len(np.unique(light_s[channel == name])) for name in names) >= LEAST_LEVELS
-    bent = _solve(np.hstack([times, -curve]), level_dn, weight) if enough else straight
+    bent = _solve(np.hstack([times, -curve]), level_dn, weight)
     freedom = max(len(level_dn) - times.shape[1] - 2, 1)
     bend = bent.solution[len(names) :]
     worth = (straight.chi2 - bent.chi2) / max(bent.chi2 / freedom, 1.0)
-    if not enough or worth < SIGNIFICANT or abs(bend.sum()) < NEGLIGIBLE:
+    if worth < SIGNIFICANT or abs(bend.sum()) < NEGLIGIBLE:
         linearity, best, spread = Linearity(span_dn), straight, 0.0
     else:
         linearity, best = Linearity(span_dn, float(bend[0]), float(bend[1])), bent

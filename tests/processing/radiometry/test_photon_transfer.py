@@ -168,6 +168,15 @@ def test_other_converters(model, gain):
     assert result.sensor.gain_e_per_dn == pytest.approx(camera.unit.sensor.gain_e_per_dn, rel=0.02)
 
 
+def test_five_flats_of_two_frames_are_enough():
+    """The channels, of different sensitivity, tell the curve together."""
+    camera = Camera(1, (240, 320), repeats=2)
+    result = measure_sensor(camera.dark((2.0, 0.1)), camera.flats((0.3, 0.2, 0.15, 0.08, 0.03)), camera.stated)
+    for name in ("gain_e_per_dn", "read_noise_e", "nonlinearity"):
+        figure, true = result.figures[name], truth(camera, ~result.correction.hot)[name]
+        assert abs(figure.value - true) < 4 * figure.sigma, name
+
+
 def test_a_linear_sensor_is_left_linear():
     camera = Camera(1, SMALL)
     camera.unit = replace(camera.unit, sensor=replace(camera.unit.sensor, compression=0.0))

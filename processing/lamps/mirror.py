@@ -1,12 +1,12 @@
 """Places of lamps from their images in a mirror ball, all together.
 
 Model: each lamp is fixed in the frame of its carrier, which turns about the rig's Z; the ball rests somewhere near its
-seat and is perfectly round; each camera's images near the ball may be off by a common, small shift. A highlight lies
+seat and is perfectly round; each camera is off by what its calibration leaves open (`camera_doubt`). A highlight lies
 where the ball's normal halves the angle between the ways to the lamp and to the camera: an exact reflection, both near.
 Several cameras and angles see the same lamp by different normals; that places the ball, and tells distances a little.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import radians
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from processing.cameras.calibration import CameraModel
 from processing.errors import CalibrationError
+from processing.lamps.camera_doubt import NUMBERS, reflection_image, sigmas
 from processing.lamps.highlight import Highlight
 from processing.lamps.model import LampPlaces, NominalLamp, nominal_places
 from processing.robust import biweight, bulk_deviation
@@ -23,13 +24,11 @@ from processing.robust import biweight, bulk_deviation
 Array = NDArray[np.float64]
 # What is believed before a highlight is seen, one sigma.
 SEAT_SIGMA_M = 0.005  # of the ball's centre about its seat
-SHIFT_SIGMA_PX = 0.05  # of a calibrated camera's images near the ball
 AXIS_SIGMA_RAD = radians(0.005)  # of the angle at which a carrier stands
 SPOT_SIGMA_PX = 0.003  # what the shape of a spot adds to its noise
 _ROUNDS = 5
 _MOST_ITERATIONS = 30
-_STEP_M = 1e-4  # of the central differences; distances are 1 m
-_REFLECTIONS = 12  # each gains a factor of distance over radius, 15 and more
+_STEP = 1e-4  # of the central differences: metres, pixels, radians
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +63,6 @@ class MirrorFit:
     residual_px: Array
     weight: Array
     excess: float
-
-
-def reflection_points(centre_m: Array, radius_m: float, sources_m: Array, eyes_m: Array) -> Array:
-    """Points (n, 3) of a ball in which eyes (n, 3) see point sources (n, 3), by fixed point of the halving normal."""
-    normal = _unit(_unit(sources_m - centre_m) + _unit(eyes_m - centre_m))
-    for _ in range(_REFLECTIONS):
-        at = centre_m + radius_m * normal
-        normal = _unit(_unit(sources_m - at) + _unit(eyes_m - at))
-    return np.asarray(centre_m + radius_m * normal, np.float64)
 
 
 def locate_lamps(
@@ -136,7 +126,7 @@ class _Solution:
 
 @dataclass(frozen=True)
 class _Problem:
-    """The unknowns are one vector: lamps (3 each), ball (3), shift of each camera (2), angle of each stand (1)."""
+    """The unknowns are one vector: lamps (3 each), ball (3), doubts of each camera (7), angle of each stand (1)."""
 
     sightings: tuple[Sighting, ...]
     cameras: Mapping[str, CameraModel]
@@ -171,19 +161,18 @@ class _Problem:
     def start(self) -> Array:
         """Everything as nominal."""
         places = self._believed.positions_m.ravel()
-        return np.concatenate([places, self.ball.seat_m, np.zeros(2 * len(self.seeing) + len(self.stands))])
+        return np.concatenate([places, self.ball.seat_m, np.zeros(NUMBERS * len(self.seeing) + len(self.stands))])
 
     def parts(self, state: Array) -> tuple[Array, Array, Array, Array]:
-        """Lamps (n, 3), ball (3,), shifts (cameras, 2), stands (k,)."""
+        """Lamps (n, 3), ball (3,), doubts (cameras, 7), stands (k,)."""
         a = 3 * len(self.lamps)
-        b = a + 3 + 2 * len(self.seeing)
-        return state[:a].reshape(-1, 3), state[a : a + 3], state[a + 3 : b].reshape(-1, 2), state[b:]
+        b = a + 3 + NUMBERS * len(self.seeing)
+        return state[:a].reshape(-1, 3), state[a : a + 3], state[a + 3 : b].reshape(-1, NUMBERS), state[b:]
 
     def predict(self, state: Array) -> Array:
         """Image points (sightings, 2)."""
-        _, camera, _, _ = self.index
-        _, centre, shifts, _ = self.parts(state)
-        return self._image(self._sources(state), centre) + shifts[camera]
+        _, centre, doubts, _ = self.parts(state)
+        return self._image(self._sources(state), centre, doubts)
 
     def _sources(self, state: Array) -> Array:
         """Where each sighting's lamp stands (sightings, 3), rig frame."""
@@ -191,45 +180,45 @@ class _Problem:
         places, _, _, turns = self.parts(state)
         return _turned(places[lamp], angle_rad + turns[stand])
 
-    def _image(self, sources: Array, centres: Array) -> Array:
+    def _image(self, sources: Array, centre: Array, doubts: Array) -> Array:
         _, camera, _, _ = self.index
-        eyes = np.stack([self.cameras[name].centre_m for name in self.seeing])[camera]
-        at = reflection_points(centres, self.ball.radius_m, sources, eyes)
-        uv_px = np.empty((len(at), 2))
+        uv_px = np.empty((len(sources), 2))
         for number, name in enumerate(self.seeing):
             mine = camera == number
-            uv_px[mine] = self.cameras[name].project(at[mine])
+            ball = (centre, self.ball.radius_m)
+            uv_px[mine] = reflection_image(self.cameras[name], doubts[number], ball, sources[mine])
         return uv_px
 
     def _jacobian(self, state: Array) -> Array:
         """Slopes (sightings, 2, unknowns) of `predict`: of the reflection by central differences, the rest by rule."""
         lamp, camera, stand, angle_rad = self.index
-        _, centre, _, turns = self.parts(state)
+        _, centre, doubts, turns = self.parts(state)
         sources, every = self._sources(state), np.arange(len(lamp))
         jacobian = np.zeros((len(lamp), 2, len(state)))
-        first_shift, first_stand = 3 * len(self.lamps) + 3, 3 * len(self.lamps) + 3 + 2 * len(self.seeing)
+        first_doubt = 3 * len(self.lamps) + 3
         by_source = np.empty((len(lamp), 2, 3))
-        for k, step in enumerate(_STEP_M * np.eye(3)):
-            by_source[..., k] = (self._image(sources + step, centre) - self._image(sources - step, centre)) / (
-                2 * _STEP_M
-            )
-            by_centre = (self._image(sources, centre + step) - self._image(sources, centre - step)) / (2 * _STEP_M)
+        for k, step in enumerate(_STEP * np.eye(3)):
+            by_source[..., k] = _slope(lambda move: self._image(sources + move, centre, doubts), step)
+            by_centre = _slope(lambda move: self._image(sources, centre + move, doubts), step)
             jacobian[..., 3 * len(self.lamps) + k] = by_centre
         for k, axis in enumerate(np.eye(3)):
             turned = _turned(np.broadcast_to(axis, sources.shape), angle_rad + turns[stand])
             jacobian[every, :, 3 * lamp + k] = np.einsum("nij,nj->ni", by_source, turned)
+        for k, step in enumerate(_STEP * np.eye(NUMBERS)):
+            by_doubt = _slope(lambda move: self._image(sources, centre, doubts + move), step)
+            jacobian[every, :, first_doubt + NUMBERS * camera + k] = by_doubt
         around = np.column_stack([-sources[:, 1], sources[:, 0], np.zeros(len(sources))])
+        first_stand = first_doubt + doubts.size
         jacobian[every, :, first_stand + stand] = np.einsum("nij,nj->ni", by_source, around)
-        for k in range(2):
-            jacobian[every, k, first_shift + 2 * camera + k] = 1.0
         return jacobian
 
     def priors(self, state: Array) -> Array:
         """Departures from what is believed beforehand, in its sigmas; linear in the state."""
-        places, centre, shifts, turns = self.parts(state)
+        places, centre, doubts, turns = self.parts(state)
         off = self._unsettled @ (places.ravel() - self._believed.positions_m.ravel())
         seat = (centre - self.ball.seat_m) / SEAT_SIGMA_M
-        return np.concatenate([off, seat, shifts.ravel() / SHIFT_SIGMA_PX, turns / AXIS_SIGMA_RAD])
+        sizes = np.stack([sigmas(self.cameras[name]) for name in self.seeing])
+        return np.concatenate([off, seat, (doubts / sizes).ravel(), turns / AXIS_SIGMA_RAD])
 
     @cached_property
     def _believed(self) -> LampPlaces:
@@ -315,11 +304,12 @@ class _Problem:
         return MirrorFit(found, centre.copy(), residual_px, weight, excess)
 
 
+def _slope(of: Callable[[Array], Array], step: Array) -> Array:
+    """Central difference of a function along a step, per unit of it."""
+    return (of(step) - of(-step)) / (2 * _STEP)
+
+
 def _turned(points_m: Array, angle_rad: Array) -> Array:
     """Points (n, 3) turned about Z by angles (n,)."""
     (x, y, z), c, s = points_m.T, np.cos(angle_rad), np.sin(angle_rad)
     return np.column_stack([x * c - y * s, x * s + y * c, z])
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True), np.float64)

@@ -13,6 +13,7 @@ from service.pipeline.btf import make_btf
 from service.pipeline.calibration import make_calibration
 from service.pipeline.calibrations import load_calibrations
 from service.pipeline.inputs import Progress
+from service.pipeline.lamps import make_lamps
 from service.pipeline.mdf import make_mdf
 from service.pipeline.sensor import make_sensors
 from service.pipeline.srf import make_srf
@@ -25,7 +26,8 @@ def process(
 ) -> list[Path]:
     """Make every product of a session; returns their folders.
 
-    `calibrated` are folders of processed sessions that measured the rig; `btf` and `mdf` need a `calibrate` session.
+    `calibrated` are folders of processed sessions that measured the rig; `btf` and `mdf` need a `calibrate` session,
+    and so does `lamps`; where a `lamps` session is among them, `srf` and `btf` take its directions and distances.
     Raises StateError where steps are still to be taken: a product of some of them would look like one of all.
     Raises MissingFrameError, ImageError, CalibrationError; products that exist stay as they were.
     """
@@ -45,4 +47,4 @@ def process(
         case SensorPlan():
             return make_sensors(session, progress)
         case LampsPlan():
-            raise StateError(f"{session.folder}: sessions of kind lamps can be captured, but not processed yet.")
+            return [make_lamps(session, calibrations, progress)]

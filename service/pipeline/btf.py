@@ -52,7 +52,7 @@ def btf_layout(gathered: Sequence[Stack], config: RigConfig, calibrations: Calib
     for stack in gathered:
         rig_from_sample = geometry.rotation_z(stack.step.axes_rad["turntable"])
         towards = geometry.rotate(geometry.invert(rig_from_sample), calibrations.camera(stack.camera).centre_m)
-        places.append((lights.index(light_direction(config, stack.step)), views.index(towards)))
+        places.append((lights.index(light_direction(config, stack.step, calibrations)), views.index(towards)))
     return BtfLayout(np.stack(lights.found), np.stack(views.found), tuple(places))
 
 

@@ -8,12 +8,15 @@ from pathlib import Path
 
 from processing.cameras.calibration import CameraModel, read_cameras
 from processing.errors import CalibrationError
+from processing.lamps.model import LampModel, LampStatus, read_lamps
 from processing.radiometry.sensor import Sensor
 from processing.radiometry.sensor_calibration import SensorCalibration
 
 CALIBRATION = "calibration"  # product folder of a `calibrate` session
 CAMERAS = "cameras.json"
 SENSORS = "sensors"  # folder of a `sensor` session's products, one for each serial number
+LAMPS = "lamps"  # product folder of a `lamps` session
+LAMP_MODELS = "lamps.json"
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,7 @@ class Calibrations:
 
     cameras: Mapping[str, CameraModel] = field(default_factory=dict)
     sensors: Mapping[str, SensorCalibration] = field(default_factory=dict)  # by serial number
+    lamps: Mapping[str, LampModel] = field(default_factory=dict)
 
     def camera(self, name: str) -> CameraModel:
         """The model of one camera. Raises CalibrationError that says how to get it."""
@@ -32,6 +36,11 @@ class Calibrations:
         if name not in self.cameras:
             raise CalibrationError(f"{name} is not calibrated; the calibration has: {', '.join(self.cameras)}.")
         return self.cameras[name]
+
+    def lamp(self, name: str) -> LampModel | None:
+        """The model of one lamp, None where it was not measured and its nominal place is all that is known."""
+        model = self.lamps.get(name)
+        return None if model is None or model.status == LampStatus.NOT_MEASURED else model
 
     def sensor(
         self, serial: str, stated: Sensor, shape: tuple[int, ...], iso: float | None = None
@@ -51,6 +60,7 @@ class Calibrations:
         numbers = {
             "cameras": {name: camera.to_json() for name, camera in self.cameras.items()},
             "sensors": {serial: sensor.digest() for serial, sensor in self.sensors.items()},
+            "lamps": {name: lamp.to_json() for name, lamp in self.lamps.items()},
         }
         text = json.dumps(numbers, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -63,12 +73,15 @@ def load_calibrations(folders: Sequence[Path]) -> Calibrations:
     """
     cameras: dict[str, CameraModel] = {}
     sensors: dict[str, SensorCalibration] = {}
+    lamps: dict[str, LampModel] = {}
     for folder in folders:
-        path = folder / "products" / CALIBRATION / CAMERAS
+        of_cameras = folder / "products" / CALIBRATION / CAMERAS
+        of_lamps = folder / "products" / LAMPS / LAMP_MODELS
         measured = sorted((folder / "products" / SENSORS).glob("*/product.json"))
-        if not path.is_file() and not measured:
+        if not of_cameras.is_file() and not of_lamps.is_file() and not measured:
             raise CalibrationError(f"{folder}: not calibrated yet; run `rig process {folder}` first.")
-        cameras |= read_cameras(path) if path.is_file() else {}
+        cameras |= read_cameras(of_cameras) if of_cameras.is_file() else {}
+        lamps |= read_lamps(of_lamps) if of_lamps.is_file() else {}
         found = [SensorCalibration.load(product.parent) for product in measured]
         sensors |= {sensor.serial: sensor for sensor in found}
-    return Calibrations(cameras, sensors)
+    return Calibrations(cameras, sensors, lamps)

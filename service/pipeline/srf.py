@@ -41,7 +41,7 @@ def measure_maps(
     assert isinstance(session.plan, SrfPlan)
     gathered = stacks(session.frames())
     merged = [merge(stack, calibrations) for stack in progress.track(gathered, "merging exposures")]
-    photographs = _photographs(session, gathered, merged)
+    photographs = _photographs(session, calibrations, gathered, merged)
     sphere = find_sphere(np.stack([_luminance(one) for one in merged]))
     card = session.plan.card
     white = WhiteCard(card.y_mm / 1e3, card.z_mm / 1e3, card.width_mm / 1e3, card.height_mm / 1e3, card.reflectance)
@@ -54,16 +54,18 @@ def fit_material(maps: ReflectanceMaps) -> SrfFit:
     return fit_srf(maps, fit_phong(sphere_measurements(maps)).phong)
 
 
-def _photographs(session: Session, gathered: list[Stack], merged: list[MergedStack]) -> SpherePhotographs:
+def _photographs(
+    session: Session, calibrations: Calibrations, gathered: list[Stack], merged: list[MergedStack]
+) -> SpherePhotographs:
     assert isinstance(session.plan, SrfPlan)
-    directions = np.stack([light_direction(session.config, stack.step) for stack in gathered])
+    directions = np.stack([light_direction(session.config, stack.step, calibrations) for stack in gathered])
     camera = session.config.cameras[session.plan.camera]
     return SpherePhotographs(
         np.stack([one.radiance.value for one in merged]),
         np.stack([one.radiance.variance for one in merged]),
         merged[0].cfa,
         directions @ _map_from_rig(camera.elevation_deg).T,
-        np.array([lamp_distance_m(session.config, stack.step) for stack in gathered]),
+        np.array([lamp_distance_m(session.config, stack.step, calibrations) for stack in gathered]),
         camera.distance_mm / 1e3,
         session.plan.sphere_radius_mm / 1e3,
     )

@@ -76,22 +76,27 @@ def _exposures(stack: Stack, images: list[RawImage], calibrations: Calibrations)
     return replace(stated, sensor=measured.sensor, correction=measured.correction, linear_dn=measured.linear_dn)
 
 
-def light_direction(config: RigConfig, step: Step) -> Array:
-    """Unit vector (3,) from the sample to the one lamp of a step, in the sample frame."""
-    name = _only_lamp(step)
+def light_direction(config: RigConfig, step: Step, calibrations: Calibrations) -> Array:
+    """Unit vector (3,) from the sample to the one lamp of a step, in the sample frame; nominal where not measured."""
+    name = only_lamp(step)
     lamp = config.lamps.lamp[name]
     turntable_rad = 0.0 if lamp.mount == "arm" else step.axes_rad["turntable"]
     azimuth_rad = step.axes_rad[lamp.mount] - turntable_rad
+    measured = calibrations.lamp(name)
+    if measured is not None:
+        return measured.direction(azimuth_rad)
     elevation_rad = radians(lamp.elevation_deg)
     return np.array([cos(azimuth_rad) * cos(elevation_rad), sin(azimuth_rad) * cos(elevation_rad), sin(elevation_rad)])
 
 
-def lamp_distance_m(config: RigConfig, step: Step) -> float:
-    """Distance of the one lamp of a step from the rig's origin."""
-    return config.lamps.lamp[_only_lamp(step)].distance_mm / 1000
+def lamp_distance_m(config: RigConfig, step: Step, calibrations: Calibrations) -> float:
+    """Distance of the one lamp of a step from the rig's origin; nominal where not measured."""
+    measured = calibrations.lamp(only_lamp(step))
+    return config.lamps.lamp[only_lamp(step)].distance_mm / 1000 if measured is None else measured.distance_m
 
 
-def _only_lamp(step: Step) -> str:
+def only_lamp(step: Step) -> str:
+    """The one lamp that is lit. Raises ImageError where there are several, or none."""
     if len(step.lamps) != 1:
         raise ImageError(f"step {step.id}: {len(step.lamps)} lamps are lit; a material needs one light at a time.")
     return step.lamps[0]

@@ -110,7 +110,9 @@ def benchmark(name: str, *, quick: bool, to: Path | None, as_json: bool, records
     Raises ConfigError for a name that there is not.
     """
     if not name:
-        yield from (f"{key:12} {meaning}" for key, meaning in bench.benchmarks().items())
+        known = bench.benchmarks()
+        width = max(12, *map(len, known))
+        yield from (f"{key:{width}} {meaning}" for key, meaning in known.items())
         return
     if name == "report":
         found = sorted(records.glob("bench-*.json"))

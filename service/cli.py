@@ -172,12 +172,16 @@ def merge(
     measured_times: Annotated[
         bool, typer.Option("--measured-times", help="Of RAW: go by the frames where they contradict their times.")
     ] = False,
+    moved: Annotated[
+        bool, typer.Option("--moved", help="Of RAW: merge although the camera moved between them.")
+    ] = False,
 ) -> None:
     """Merge bracketed photographs into one linear EXR with a variance layer, and a tone-mapped PNG beside it."""
+    from processing.radiometry.stack import MergeOptions
     from service import measuring
 
     with reported_errors():
-        for line in measuring.merge_photographs(files, out, measured_times=measured_times):
+        for line in measuring.merge_photographs(files, out, MergeOptions(measured_times, moved)):
             tell(line)
 
 

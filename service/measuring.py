@@ -14,7 +14,7 @@ from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
 from processing.radiometry.bracket import merge_files, write_merged
 from processing.radiometry.exposure import TimesVerdict
 from processing.radiometry.hdr import PixelStatus
-from processing.radiometry.stack import MergedExposures
+from processing.radiometry.stack import MergedExposures, MergeOptions
 from render.picture import save_image
 from service import bench
 from service.bench_report import draw_report
@@ -22,11 +22,12 @@ from service.files import replaced
 from service.pictures import check_still, save_stripes
 
 INTRINSICS = "intrinsics.xml"
+NOTICED = 0.01  # share of a picture that moved from which on it is told
 
 
-def merge_photographs(files: Sequence[Path], out: Path, *, measured_times: bool = False) -> Iterator[str]:
+def merge_photographs(files: Sequence[Path], out: Path, options: MergeOptions) -> Iterator[str]:
     """Merge a bracket into `out` (.exr) and a PNG beside it. Raises ImageError."""
-    merged = merge_files(files, measured_times=measured_times)
+    merged = merge_files(files, options)
     with replaced(out) as part:
         write_merged(merged, part)
     times = ", ".join(f"{time_s:.4g}" for time_s in merged.exposure_s)
@@ -35,15 +36,15 @@ def merge_photographs(files: Sequence[Path], out: Path, *, measured_times: bool 
     yield f"{len(files)} exposures of {camera} ({times} s); {saturated:.2%} saturated in all of them"
     if merged.assumed_sensor:
         yield "No noise profile in the files: gain and read noise are assumed, the variance is only indicative."
-    if merged.merged is not None:
-        yield from _about_frames(merged.merged)
+    if merged.found is not None:
+        yield from _about_frames(merged.found, [path.name for path in merged.files])
     yield f"{out}: linear, with layers variance and status"
     yield f"{out.with_suffix('.png')}: tone-mapped"
 
 
-def _about_frames(merged: MergedExposures) -> Iterator[str]:
+def _about_frames(found: MergedExposures, names: Sequence[str]) -> Iterator[str]:
     """What the frames of a RAW bracket showed about themselves."""
-    times, read = merged.times, merged.read
+    times, read, shift = found.times, found.read, found.alignment.worst
     if times.verdict in (TimesVerdict.CORRECTED, TimesVerdict.CONTRADICTED):
         worst = int(np.abs(np.log(times.scale)).argmax())
         yield (
@@ -52,6 +53,10 @@ def _about_frames(merged: MergedExposures) -> Iterator[str]:
         )
     elif times.verdict == TimesVerdict.UNDETERMINED and len(times.stated_s) > 1:
         yield "No two exposures show the same part of the scene well: their stated times could not be checked."
+    if shift is not None:
+        yield f"The picture moved by {shift.length_px:.2f} px between {names[shift.one]} and {names[shift.other]}."
+    elif found.alignment.moved_share > NOTICED:
+        yield f"Something moved: in {found.alignment.moved_share:.1%} of the picture the exposures disagree."
     if read.read_ratio < 1:
         yield (
             f"{read.read_ratio:.0%} of the samples were read; {read.saturated.mean():.0%} are saturated, "

@@ -19,7 +19,7 @@ from processing.radiometry.hdr import PixelStatus, Radiance
 from processing.radiometry.mosaic import demosaic, white_balance
 from processing.radiometry.photographs import merge_photographs
 from processing.radiometry.response import Response
-from processing.radiometry.stack import Exposures, MergedExposures, merge_stack
+from processing.radiometry.stack import DEFAULTS, Exposures, MergedExposures, MergeOptions, merge_stack
 
 RAW_SUFFIXES = frozenset(
     ".3fr .arw .cr2 .cr3 .dng .erf .fff .iiq .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .raw .rw2 .rwl .srw".split()
@@ -34,8 +34,8 @@ class MergedImage:
 
     `radiance` (h, w, 3): of RAW, white-balanced camera colours in electrons per second, green as measured; of
     photographs, sRGB primaries in relative units with a `response`. `srgb_from_camera` (3, 3) takes the colours to
-    sRGB primaries. `exposure_s`, as the files state it, rises, `files` in the same order. `merged` says of RAW what
-    its frames showed: the times that were used, and what was read.
+    sRGB primaries. `exposure_s`, as the files state it, rises, `files` in the same order. `found` says of RAW what
+    its frames showed: the times that were used, whether the picture moved, what was read.
     """
 
     radiance: Radiance
@@ -45,14 +45,14 @@ class MergedImage:
     srgb_from_camera: NDArray[np.float64]
     response: Response | None = None
     assumed_sensor: bool = False
-    merged: MergedExposures | None = None
+    found: MergedExposures | None = None
 
 
-def merge_files(paths: Sequence[Path], *, measured_times: bool = False) -> MergedImage:
+def merge_files(paths: Sequence[Path], options: MergeOptions = DEFAULTS) -> MergedImage:
     """Merge bracketed files, given in any order, each read once, or less where parts of a RAW file tell nothing.
 
-    Exposure times of RAW files that the frames contradict are an error, unless `measured_times` replaces them by what
-    the frames say.
+    RAW files whose frames contradict their exposure times, or show that the camera moved, are an error unless the
+    `options` take them.
     Raises ImageError that names the files: none given, one named twice, RAW and pictures mixed, different sizes,
     cameras, ISO or apertures, missing or equal exposure times, or a file that cannot be read.
     """
@@ -63,10 +63,10 @@ def merge_files(paths: Sequence[Path], *, measured_times: bool = False) -> Merge
     raw = [path.suffix.lower() in RAW_SUFFIXES for path in paths]
     if any(raw) and not all(raw):
         raise ImageError(f"{paths[raw.index(True)]} is RAW and {paths[raw.index(False)]} is not; merge one kind.")
-    return _merge_raw(paths, measured_times) if all(raw) else _merge_photographs(paths)
+    return _merge_raw(paths, options) if all(raw) else _merge_photographs(paths)
 
 
-def _merge_raw(paths: Sequence[Path], measured_times: bool) -> MergedImage:
+def _merge_raw(paths: Sequence[Path], options: MergeOptions) -> MergedImage:
     frames = {path: map_raw(path) for path in paths}
     _check_same("sizes", {path: frame.mosaic.shape for path, frame in frames.items()})
     _check_same("cameras", {path: f"{frame.model} {frame.serial}".strip() for path, frame in frames.items()})
@@ -74,10 +74,8 @@ def _merge_raw(paths: Sequence[Path], measured_times: bool) -> MergedImage:
     _check_same("sensor levels", {path: frame.sensor for path, frame in frames.items()})
     first, exposure_s = frames[order[0]], [frames[path].exposure_s for path in order]
     mosaics = [np.asarray(frames[path].mosaic) for path in order]
-    merged = merge_stack(
-        Exposures(mosaics, exposure_s, [str(path) for path in order], first.sensor), measured_times=measured_times
-    )
-    mosaic = merged.radiance
+    found = merge_stack(Exposures(mosaics, exposure_s, [str(path) for path in order], first.sensor), options)
+    mosaic = found.radiance
     image, variance = white_balance(*demosaic(mosaic.value, mosaic.variance, first.cfa), first.white_balance)
     return MergedImage(
         radiance=Radiance(image, variance, _colour_status(image, variance, mosaic.status)),
@@ -86,7 +84,7 @@ def _merge_raw(paths: Sequence[Path], measured_times: bool) -> MergedImage:
         camera=first.model,
         srgb_from_camera=_srgb_from_camera(first.camera_from_xyz),
         assumed_sensor=first.sensor.assumed,
-        merged=merged,
+        found=found,
     )
 
 
@@ -190,7 +188,7 @@ def _metadata(merged: MergedImage) -> dict[str, str]:
         "radianceUnit": unit + (" (assumed gain: the camera states no noise profile)" if merged.assumed_sensor else ""),
         "camera": merged.camera,
         "exposureTimes": " ".join(f"{time:.6g}" for time in merged.exposure_s),
-        "measuredTimes": "" if merged.merged is None else _measured_times(merged.merged.times),
+        "measuredTimes": "" if merged.found is None else _measured_times(merged.found.times),
         "sources": " ".join(path.name for path in merged.files),
         "srgbFromCamera": " ".join(f"{value:.6f}" for value in np.ravel(merged.srgb_from_camera)),
         "response": "" if merged.response is None else " ".join(f"{g:.4f}" for g in merged.response.log_exposure),

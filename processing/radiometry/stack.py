@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.radiometry.adaptive import SHARE, Curve, ReadReport, merge_adaptively, survey_patches
+from processing.radiometry.alignment import Alignment, alignment, shift_error
 from processing.radiometry.exposure import (
     LINEARISED,
     SYSTEMATIC,
@@ -40,28 +41,47 @@ class MergedExposures:
 
     radiance: Radiance
     times: ExposureTimes
+    alignment: Alignment
     read: ReadReport
 
 
-def merge_stack(exposures: Exposures, *, measured_times: bool = False, share: float = SHARE) -> MergedExposures:
+@dataclass(frozen=True, slots=True)
+class MergeOptions:
+    """What of a doubtful stack is taken: times that the frames contradict, a picture that moved between exposures.
+
+    A result changes by less than `share` of its standard deviation for what is not read.
+    """
+
+    measured_times: bool = False
+    moved: bool = False
+    share: float = SHARE
+
+
+DEFAULTS = MergeOptions()
+
+
+def merge_stack(exposures: Exposures, options: MergeOptions = DEFAULTS) -> MergedExposures:
     """Merge by the times that the frames themselves confirm, reading what changes the result.
 
-    Departures of the times beyond the noise are corrected. Gross ones (`exposure.GROSS`) raise ImageError that names
-    the frames, unless `measured_times` says that the measured ones are to be used. A result changes by less than
-    `share` of its standard deviation for what is not read.
+    Departures of the times beyond the noise are corrected. Raises ImageError that names the frames, unless the options
+    say otherwise, where times are wrong by more than `exposure.GROSS` or the picture moved by more than
+    `alignment.REFUSED_PX`, both beyond doubt.
     """
     linear_dn = exposures.linear_dn or np.asarray
     patches = linear_dn(survey_patches(exposures.frames))
     systematic = SYSTEMATIC if exposures.linear_dn is None else LINEARISED
     times = exposure_times(patches, exposures.exposure_s, exposures.sensor, systematic)
-    if times.verdict == TimesVerdict.CONTRADICTED and not measured_times:
+    if times.verdict == TimesVerdict.CONTRADICTED and not options.measured_times:
         raise times_error(times, exposures.names)
+    found = alignment(patches, times.exposure_s, exposures.sensor)
+    if found.worst is not None and found.worst.refused and not options.moved:
+        raise shift_error(found.worst, exposures.names)
     merged = merge_adaptively(
         exposures.frames,
         times.exposure_s,
         exposures.sensor,
         exposures.correction,
         linear_dn=linear_dn,
-        share=share,
+        share=options.share,
     )
-    return MergedExposures(merged.radiance, times, merged.report)
+    return MergedExposures(merged.radiance, times, found, merged.report)

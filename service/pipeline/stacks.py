@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from processing.errors import ImageError
 from processing.formats.raw import RawImage, map_raw
-from processing.radiometry.adaptive import ReadReport
-from processing.radiometry.exposure import ExposureTimes
 from processing.radiometry.hdr import Radiance
-from processing.radiometry.stack import Exposures, merge_stack
+from processing.radiometry.stack import Exposures, MergedExposures, merge_stack
 from rig.config import RigConfig
 from rig.sessions import FrameRecord, Step
 from service.pipeline.calibrations import Calibrations
@@ -36,8 +34,7 @@ class MergedStack:
     radiance: Radiance
     cfa: NDArray[np.uint8]
     unique_ids: tuple[str, ...]
-    times: ExposureTimes
-    read: ReadReport
+    found: MergedExposures
 
 
 def stacks(records: Iterable[FrameRecord]) -> list[Stack]:
@@ -53,13 +50,13 @@ def merge(stack: Stack, calibrations: Calibrations) -> MergedStack:
     """Merge the frames of a stack by the exposures that they really had, reading what matters to the result.
 
     The camera's sensor is as measured, where that was done. Raises ImageError where the frames do not belong together
-    or an exposure contradicts the others, CalibrationError where the sensor's maps do not fit.
+    or contradict each other, CalibrationError where the sensor's maps do not fit.
     """
     images = [map_raw(record.path) for record in stack.frames]
     _check_alike(stack, images)
     merged = merge_stack(_exposures(stack, images, calibrations))
     unique_ids = tuple(image.unique_id for image in images)
-    return MergedStack(merged.radiance, images[0].cfa, unique_ids, merged.times, merged.read)
+    return MergedStack(merged.radiance, images[0].cfa, unique_ids, merged)
 
 
 def _exposures(stack: Stack, images: list[RawImage], calibrations: Calibrations) -> Exposures:

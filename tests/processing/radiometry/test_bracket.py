@@ -10,6 +10,7 @@ from processing.formats.exr import read_exr
 from processing.formats.raw import read_raw
 from processing.radiometry.bracket import merge_files, write_merged
 from processing.radiometry.hdr import PixelStatus
+from processing.radiometry.stack import MergeOptions
 from tests.public_data import DATA
 from tests.reference.dng import dng
 
@@ -137,7 +138,7 @@ def test_exposure_times_that_the_frames_contradict_are_an_error_or_replaced(tmp_
         path.write_bytes(dng(read_raw(source).mosaic, exposure_s=stated_s, noise_profile=PROFILE))
     with pytest.raises(ImageError, match=r"swapped exposure times: .*b.dng states 0.5 s and measures 0.2[45]"):
         merge_files([*swapped, paths[2]])
-    merged = merge_files([*swapped, paths[2]], measured_times=True)
+    merged = merge_files([*swapped, paths[2]], MergeOptions(measured_times=True))
     assert np.nanmean(merged.radiance.value[..., 1]) == pytest.approx(4000, rel=0.01)
     path, _ = write_merged(merged, tmp_path / "out.exr")
     assert read_exr(path).metadata["measuredTimes"].count("+-") == 3
@@ -146,3 +147,18 @@ def test_exposure_times_that_the_frames_contradict_are_an_error_or_replaced(tmp_
 def test_one_raw_file_alone_is_an_image(tmp_path):
     merged = merge_files(raw_files(tmp_path)[1:2])
     assert np.nanmean(merged.radiance.value[..., 1]) == pytest.approx(4000, rel=0.02)
+
+
+def test_a_picture_that_moved_is_an_error_or_taken_as_it_is(tmp_path):
+    scene = np.kron(np.random.default_rng(0).uniform(1000, 9000, (20, 24)), np.ones((12, 12)))
+    paths = []
+    for name, time_s, shift in (("a", 0.5, 0), ("b", 0.05, 5)):
+        electrons = np.random.default_rng(1).poisson(np.roll(scene, shift, axis=1) * time_s)
+        path = tmp_path / f"{name}.dng"
+        path.write_bytes(dng((electrons / 4 + 256).astype(np.uint16), exposure_s=time_s, noise_profile=PROFILE))
+        paths.append(path)
+    with pytest.raises(ImageError, match=r"b.dng and .*a.dng: the picture moved by [45]\.\d px between them"):
+        merge_files(paths)
+    found = merge_files(paths, MergeOptions(moved=True)).found
+    assert found.alignment.worst.length_px == pytest.approx(5, abs=0.5)
+    assert found.alignment.moved_share > 0.1

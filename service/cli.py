@@ -175,13 +175,16 @@ def merge(
     moved: Annotated[
         bool, typer.Option("--moved", help="Of RAW: merge although the camera moved between them.")
     ] = False,
+    sensor: Annotated[
+        Path | None, typer.Option(help="Of RAW: the camera's measured sensor, a folder products/sensors/SERIAL.")
+    ] = None,
 ) -> None:
     """Merge bracketed photographs into one linear EXR with a variance layer, and a tone-mapped PNG beside it."""
     from processing.radiometry.stack import MergeOptions
     from service import measuring
 
     with reported_errors():
-        for line in measuring.merge_photographs(files, out, MergeOptions(measured_times, moved)):
+        for line in measuring.merge_photographs(files, out, MergeOptions(measured_times, moved), sensor):
             tell(line)
 
 

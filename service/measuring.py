@@ -14,7 +14,8 @@ from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
 from processing.radiometry.bracket import merge_files, write_merged
 from processing.radiometry.exposure import TimesVerdict
 from processing.radiometry.hdr import PixelStatus
-from processing.radiometry.stack import MergedExposures, MergeOptions
+from processing.radiometry.sensor_calibration import SensorCalibration
+from processing.radiometry.stack import DEFAULTS, MergedExposures, MergeOptions
 from render.picture import save_image
 from service import bench
 from service.bench_report import draw_report
@@ -25,9 +26,14 @@ INTRINSICS = "intrinsics.xml"
 NOTICED = 0.01  # share of a picture that moved from which on it is told
 
 
-def merge_photographs(files: Sequence[Path], out: Path, options: MergeOptions) -> Iterator[str]:
-    """Merge a bracket into `out` (.exr) and a PNG beside it. Raises ImageError."""
-    merged = merge_files(files, options)
+def merge_photographs(
+    files: Sequence[Path], out: Path, options: MergeOptions = DEFAULTS, sensor: Path | None = None
+) -> Iterator[str]:
+    """Merge a bracket into `out` (.exr) and a PNG beside it; `sensor` is the product folder of a measured sensor.
+
+    Raises ImageError, CalibrationError.
+    """
+    merged = merge_files(files, options, None if sensor is None else SensorCalibration.load(sensor))
     with replaced(out) as part:
         write_merged(merged, part)
     times = ", ".join(f"{time_s:.4g}" for time_s in merged.exposure_s)

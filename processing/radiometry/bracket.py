@@ -19,6 +19,7 @@ from processing.radiometry.hdr import PixelStatus, Radiance
 from processing.radiometry.mosaic import demosaic, white_balance
 from processing.radiometry.photographs import merge_photographs
 from processing.radiometry.response import Response
+from processing.radiometry.sensor_calibration import SensorCalibration
 from processing.radiometry.stack import DEFAULTS, Exposures, MergedExposures, MergeOptions, merge_stack
 
 RAW_SUFFIXES = frozenset(
@@ -35,7 +36,9 @@ class MergedImage:
     `radiance` (h, w, 3): of RAW, white-balanced camera colours in electrons per second, green as measured; of
     photographs, sRGB primaries in relative units with a `response`. `srgb_from_camera` (3, 3) takes the colours to
     sRGB primaries. `exposure_s`, as the files state it, rises, `files` in the same order. `found` says of RAW what
-    its frames showed: the times that were used, whether the picture moved, what was read.
+    its frames showed: the times that were used, whether the picture moved, what was read. `measured_sensor` is the
+    serial number and the identity of the sensor calibration that was used; radiance is then that of each channel's
+    mean pixel.
     """
 
     radiance: Radiance
@@ -46,15 +49,19 @@ class MergedImage:
     response: Response | None = None
     assumed_sensor: bool = False
     found: MergedExposures | None = None
+    measured_sensor: str = ""
 
 
-def merge_files(paths: Sequence[Path], options: MergeOptions = DEFAULTS) -> MergedImage:
+def merge_files(
+    paths: Sequence[Path], options: MergeOptions = DEFAULTS, sensor: SensorCalibration | None = None
+) -> MergedImage:
     """Merge bracketed files, given in any order, each read once, or less where parts of a RAW file tell nothing.
 
     RAW files whose frames contradict their exposure times, or show that the camera moved, are an error unless the
-    `options` take them.
-    Raises ImageError that names the files: none given, one named twice, RAW and pictures mixed, different sizes,
-    cameras, ISO or apertures, missing or equal exposure times, or a file that cannot be read.
+    `options` take them. `sensor` is the camera's own as measured, for RAW files alone.
+    Raises CalibrationError where that is another camera's, ISO's or size's; ImageError that names the files: none
+    given, one named twice, RAW and pictures mixed, different sizes, cameras, ISO or apertures, missing or equal
+    exposure times, or a file that cannot be read.
     """
     if not paths:
         raise ImageError("no files to merge; name two or more bracketed exposures.")
@@ -63,10 +70,12 @@ def merge_files(paths: Sequence[Path], options: MergeOptions = DEFAULTS) -> Merg
     raw = [path.suffix.lower() in RAW_SUFFIXES for path in paths]
     if any(raw) and not all(raw):
         raise ImageError(f"{paths[raw.index(True)]} is RAW and {paths[raw.index(False)]} is not; merge one kind.")
-    return _merge_raw(paths, options) if all(raw) else _merge_photographs(paths)
+    if sensor is not None and not all(raw):
+        raise ImageError(f"{paths[0]} is no RAW file; a measured sensor is of use with the sensor's own counts only.")
+    return _merge_raw(paths, options, sensor) if all(raw) else _merge_photographs(paths)
 
 
-def _merge_raw(paths: Sequence[Path], options: MergeOptions) -> MergedImage:
+def _merge_raw(paths: Sequence[Path], options: MergeOptions, sensor: SensorCalibration | None) -> MergedImage:
     frames = {path: map_raw(path) for path in paths}
     _check_same("sizes", {path: frame.mosaic.shape for path, frame in frames.items()})
     _check_same("cameras", {path: f"{frame.model} {frame.serial}".strip() for path, frame in frames.items()})
@@ -74,7 +83,11 @@ def _merge_raw(paths: Sequence[Path], options: MergeOptions) -> MergedImage:
     _check_same("sensor levels", {path: frame.sensor for path, frame in frames.items()})
     first, exposure_s = frames[order[0]], [frames[path].exposure_s for path in order]
     mosaics = [np.asarray(frames[path].mosaic) for path in order]
-    found = merge_stack(Exposures(mosaics, exposure_s, [str(path) for path in order], first.sensor), options)
+    if sensor is not None:
+        sensor.check_takes(first.serial, first.iso)
+        sensor.check_fits(first.mosaic.shape, first.sensor)
+    exposures = Exposures(mosaics, exposure_s, [str(path) for path in order], first.sensor)
+    found = merge_stack(exposures.measured_by(sensor), options)
     mosaic = found.radiance
     image, variance = white_balance(*demosaic(mosaic.value, mosaic.variance, first.cfa), first.white_balance)
     return MergedImage(
@@ -83,8 +96,9 @@ def _merge_raw(paths: Sequence[Path], options: MergeOptions) -> MergedImage:
         files=tuple(order),
         camera=first.model,
         srgb_from_camera=_srgb_from_camera(first.camera_from_xyz),
-        assumed_sensor=first.sensor.assumed,
+        assumed_sensor=first.sensor.assumed and sensor is None,
         found=found,
+        measured_sensor="" if sensor is None else f"{sensor.serial} {sensor.digest()}",
     )
 
 
@@ -187,6 +201,7 @@ def _metadata(merged: MergedImage) -> dict[str, str]:
         "comments": "linear radiance; layer variance is its variance, status 0 ok 1 saturated 2 dark 3 missing",
         "radianceUnit": unit + (" (assumed gain: the camera states no noise profile)" if merged.assumed_sensor else ""),
         "camera": merged.camera,
+        "measuredSensor": merged.measured_sensor,
         "exposureTimes": " ".join(f"{time:.6g}" for time in merged.exposure_s),
         "measuredTimes": "" if merged.found is None else _measured_times(merged.found.times),
         "sources": " ".join(path.name for path in merged.files),

@@ -67,6 +67,19 @@ class SensorCalibration:
         table[saturated] = np.float32(self.sensor.white_dn)
         return table[raw_dn]
 
+    def takes(self, serial: str, iso: float) -> bool:
+        """Whether frames of this camera and ISO are those that it measured; an unknown ISO equals another."""
+        return self.serial == serial and str(float(self.iso)) == str(float(iso))
+
+    def check_takes(self, serial: str, iso: float) -> None:
+        """Raises CalibrationError where frames are another camera's, or at another ISO."""
+        if not self.takes(serial, iso):
+            camera = serial or "a camera without a serial number"
+            raise CalibrationError(
+                f"the sensor that was measured is {self.serial} at ISO {self.iso:g}, the frames are of {camera} "
+                f"at ISO {iso:g}. Name the folder of the camera that took them."
+            )
+
     def check_fits(self, shape: tuple[int, ...], stated: Sensor) -> None:
         """Raises CalibrationError where frames (h, w) or the levels stated in them are not those that were measured."""
         maps = self.correction.flat.shape

@@ -1,7 +1,7 @@
 """One bracketed stack, from its frames to radiance: times measured, movement looked for, needless parts not read."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from processing.radiometry.exposure import (
 )
 from processing.radiometry.hdr import Radiance
 from processing.radiometry.sensor import PixelCorrection, Sensor
+from processing.radiometry.sensor_calibration import SensorCalibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,14 @@ class Exposures:
     sensor: Sensor
     correction: PixelCorrection | None = None
     linear_dn: Curve | None = None
+
+    def measured_by(self, calibration: SensorCalibration | None) -> "Exposures":
+        """The same frames with their camera's sensor as measured; as they are where it was not."""
+        if calibration is None:
+            return self
+        return replace(
+            self, sensor=calibration.sensor, correction=calibration.correction, linear_dn=calibration.linear_dn
+        )
 
 
 @dataclass(frozen=True, eq=False)

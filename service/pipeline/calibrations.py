@@ -50,7 +50,7 @@ class Calibrations:
         Raises CalibrationError where it was measured at another size or with other levels than the files state.
         """
         found = self.sensors.get(serial)
-        if found is None or (iso is not None and str(found.iso) != str(iso)):  # as text: an unknown ISO equals another
+        if found is None or not (iso is None or found.takes(serial, iso)):
             return None
         found.check_fits(shape, stated)
         return found

@@ -1,7 +1,7 @@
 """Bracketed exposures of a session, gathered and merged: one radiance image per pose, light and camera."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import cos, radians, sin
 
 import numpy as np
@@ -68,9 +68,7 @@ def _exposures(stack: Stack, images: list[RawImage], calibrations: Calibrations)
         first.sensor,
     )
     measured = calibrations.sensor(first.serial, first.sensor, first.mosaic.shape, first.iso)
-    if measured is None:
-        return stated
-    return replace(stated, sensor=measured.sensor, correction=measured.correction, linear_dn=measured.linear_dn)
+    return stated.measured_by(measured)
 
 
 def light_direction(config: RigConfig, step: Step, calibrations: Calibrations) -> Array:

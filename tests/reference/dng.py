@@ -33,11 +33,11 @@ def _directory(entries, offset):
     return head + struct.pack("<I", 0) + tail
 
 
-def dng(mosaic, *, exposure_s=0.1, black=(256,), white=4095, noise_profile=None, serial="T-1", unique_id="1"):
+def dng(mosaic, *, exposure_s=0.1, black=(256,), white=4095, noise_profile=None, serial="T-1", unique_id="1", iso=100):
     """Bytes of an uncompressed RGGB DNG of `mosaic` (h, w) uint16."""
     height, width = mosaic.shape
     pixels = np.ascontiguousarray(mosaic, "<u2").tobytes()
-    exif = [(0x829A, 5, [exposure_s]), (0x829D, 5, [4]), (0x8827, 3, [100]), (0xA420, 2, unique_id.encode() + b"\0")]
+    exif = [(0x829A, 5, [exposure_s]), (0x829D, 5, [4]), (0x8827, 3, [iso]), (0xA420, 2, unique_id.encode() + b"\0")]
     entries = [
         (0x00FE, 4, [0]), (0x0100, 4, [width]), (0x0101, 4, [height]), (0x0102, 3, [16]), (0x0103, 3, [1]),
         (0x0106, 3, [32803]), (0x010F, 2, b"Test\0"), (0x0110, 2, b"Array\0"), (0x0112, 3, [1]),

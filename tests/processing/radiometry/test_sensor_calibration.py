@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from processing.errors import CalibrationError, ImageError
+from processing.formats.exr import read_exr
 from processing.products.provenance import Provenance
+from processing.radiometry.bracket import merge_files
 from processing.radiometry.photon_transfer import measure_sensor
 from processing.radiometry.sensor_calibration import SensorCalibration
+from service.measuring import merge_photographs
 from service.viewing import draw_product
+from tests.reference.dng import dng
 from tests.reference.sensor_frames import Camera
 
 SHAPE = (64, 80)
@@ -18,7 +22,7 @@ SHAPE = (64, 80)
 
 @pytest.fixture(scope="module")
 def calibration():
-    camera = Camera(4, SHAPE)
+    camera = Camera(0, SHAPE)
     found = measure_sensor(camera.dark(), camera.flats(), camera.stated)
     source = Provenance(("sensor-1",), "", {"frames_sha256": "f"})
     return SensorCalibration("VC-0004", "Camera", 100, camera.stated, found, "2026-01-01T08:00:00+00:00", source)
@@ -64,6 +68,45 @@ def test_frames_of_another_size_or_setting_do_not_fit(calibration):
         calibration.check_fits((480, 640), calibration.stated)
     with pytest.raises(CalibrationError, match="frames state 512 to 4095"):
         calibration.check_fits(SHAPE, replace(calibration.stated, black_dn=512))
+
+
+def bracket(folder, serial="VC-0004", iso=100):
+    """DNG files of an even grey field, as that camera takes them."""
+    camera, paths = Camera(0, SHAPE), []
+    for exposure_s in (0.02, 0.2):
+        path = folder / f"{exposure_s}.dng"
+        frame = camera.frame(exposure_s, 20000 * camera.flat, ("grey", repr(exposure_s)))
+        tags = {"exposure_s": exposure_s, "serial": serial, "iso": iso, "noise_profile": camera.model.noise_profile()}
+        path.write_bytes(dng(frame.raw_dn, **tags))
+        paths.append(path)
+    return camera, paths
+
+
+def test_files_of_the_camera_are_merged_with_its_sensor(calibration, tmp_path):
+    camera, paths = bracket(tmp_path)
+    calibration.save(tmp_path / "VC-0004")
+    lines = list(merge_photographs(paths, tmp_path / "out.exr", sensor=tmp_path / "VC-0004"))
+    assert str(tmp_path / "out.exr") in lines[-2]
+    written = read_exr(tmp_path / "out.exr")
+    assert written.metadata["measuredSensor"] == f"VC-0004 {calibration.digest()}"
+    plain = merge_files(paths).radiance.value[..., 1]
+    # Noise of 1 % leaves the mean of 5000 pixels 0.02 %, the measured gain 0.3 %; the nominal gain is 1.3 % off.
+    gain = camera.unit.sensor.gain_e_per_dn
+    assert abs(gain / 4 - 1) > 0.005
+    assert np.mean(written.image[..., 1]) == pytest.approx(20000, rel=0.004)
+    assert np.mean(plain) != pytest.approx(20000, rel=0.004)
+
+
+@pytest.mark.parametrize(("serial", "iso"), [("VC-0005", 100), ("", 100), ("VC-0004", 400)])
+def test_files_of_another_camera_or_iso_are_refused(calibration, tmp_path, serial, iso):
+    _, paths = bracket(tmp_path, serial, iso)
+    with pytest.raises(CalibrationError, match=f"VC-0004 at ISO 100, the frames are of .* at ISO {iso}"):
+        merge_files(paths, sensor=calibration)
+
+
+def test_pictures_are_not_of_a_sensor(calibration, tmp_path):
+    with pytest.raises(ImageError, match="no RAW file"):
+        merge_files([tmp_path / "a.jpg", tmp_path / "b.jpg"], sensor=calibration)
 
 
 def test_linear_counts_keep_order_and_saturation(calibration):

@@ -72,7 +72,8 @@ def white_frame_radiance(
         raise ImageError("the white frame is not in the image; check the camera's calibration and the exposures.")
     scale_m = frame.outer_m / 2
     terms = _quadratic(points[ring], scale_m)
-    fits = [_robust_fit(terms, seen.value[ring][:, c].astype(np.float64)) for c in range(3)]
+    values = seen.value[ring].T.astype(np.float64)
+    fits = [_robust_fit(terms, *pair) for pair in zip(values, _starts(terms, values), strict=True)]
     white = WhiteRadiance(np.stack([f[0] for f in fits]), np.stack([f[1] for f in fits]), scale_m)
     if not (white.radiance(points[ring]) > 0).all():
         raise ImageError("the white frame is dark; check the lamp and the exposures.")
@@ -84,16 +85,21 @@ def _quadratic(points_m: NDArray[np.floating], scale_m: float) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-def _robust_fit(terms: Array, value: Array) -> tuple[Array, Array]:
-    """Coefficients and covariance of the surface that most values follow.
+def _starts(terms: Array, values: Array) -> Array:
+    """Coefficients (c, 6) near the surface that most of the values (c, n) follow.
 
-    Starts from the subset fit with the least median residual (Rousseeuw 1984): a shadow lies in one piece and would
-    bend a fit that begins with all values.
+    Of fits to small subsets the one with the least median residual (Rousseeuw 1984): a shadow lies in one piece and
+    would bend a fit that begins with all values.
     """
-    draws = np.random.default_rng(0).integers(len(value), size=(_DRAWS, _DRAWN))
-    trials = np.einsum("dij,dj->di", np.linalg.pinv(terms[draws]), value[draws])
+    draws = np.random.default_rng(0).integers(len(terms), size=(_DRAWS, _DRAWN))
+    trials = np.einsum("dij,cdj->cdi", np.linalg.pinv(terms[draws]), values[:, draws])
     some = slice(None, None, 4)  # enough for a median
-    coefficients = trials[np.argmin(np.median(np.abs(value[some] - trials @ terms[some].T), axis=1))]
+    residual = np.median(np.abs(values[:, None, some] - trials @ terms[some].T), axis=-1)
+    return np.asarray(trials[np.arange(len(values)), residual.argmin(axis=1)], np.float64)
+
+
+def _robust_fit(terms: Array, value: Array, coefficients: Array) -> tuple[Array, Array]:
+    """Coefficients and covariance of the surface that most values follow, from a start near it."""
     for _ in range(_ROUNDS):
         residual = value - terms @ coefficients
         spread = max(bulk_deviation(residual), 1e-6 * float(np.abs(value).max()), 1e-300)

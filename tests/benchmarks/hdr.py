@@ -121,6 +121,7 @@ def compare(shape, *, ours, peers, only=None):
     rows = [
         {"method": method.name, "size": f"{shape[1]}x{shape[0]}", "seconds": seconds[method.name],
          "peer": method is not OURS, "reference": method.reference, "settings": method.settings,
+         "version": method.version(),
          **_errors(accuracy[method.name])}
         for method in methods
     ]  # fmt: skip

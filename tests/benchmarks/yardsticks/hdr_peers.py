@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import metadata
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -29,7 +30,7 @@ class Peer:
     name: str
     merge: Callable[[np.ndarray], np.ndarray]
     settings: str
-    needs: str = "numpy"
+    needs: str = "numpy"  # module or program
     reference: bool = False  # the textbook's formula in NumPy, no package
 
     def missing(self):
@@ -37,6 +38,11 @@ class Peer:
         if importlib.util.find_spec(self.needs) is None and shutil.which(self.needs) is None:
             return f"{self.needs} is not installed"
         return ""
+
+    def version(self):
+        """Of the package that holds the module; empty for a program."""
+        found = metadata.packages_distributions().get(self.needs, [""])[0]
+        return f"{found} {metadata.version(found)}" if found else ""
 
 
 def hdrutils(raw_dn):

@@ -19,13 +19,13 @@ from processing.robust import bulk_deviation
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-CORNER_NOISE_PX = 0.1  # weight of the corners against the priors until the residuals tell it
 # What is believed before a view is seen, one sigma, besides the lens's own. Long lenses do not determine their
 # distortion or centre; without these the unseen terms would grow to fit noise. Wide ones outweigh them a thousandfold.
 CENTRE_SIGMA = 0.03  # principal point off the image's centre, of its width
 ASPECT_SIGMA = 0.001  # fx against fy: pixels are square
 _ITERATIONS = 60
-_ROUNDS = 5
+_ROUNDS = 8
+_SETTLED = 1e-3  # relative change of the noise from round to round
 _HUBER = 3.0  # corners beyond this many robust deviations count less,
 _REJECTED = 6.0  # and beyond this many not at all: a wrong corner, not noise
 _LEAST_NOISE_PX = 1e-6
@@ -46,31 +46,42 @@ class Adjusted:
 
 
 def adjust(start: Network, views: Views) -> Adjusted:
-    """The network that minimises the squared distance of all corners; beyond 3 robust sigmas they count linearly.
+    """The network that minimises the squared distance of all corners over their noise; from 3 sigmas on linearly.
 
-    Principal point, aspect and distortion start from `start` and are held there by weak priors. Noise and outliers
-    are judged by the residuals themselves, in rounds. The covariance is that of the inverse normal matrix, scaled by
-    the residuals (Huber 1981, eq. 7.6.5).
+    Principal point, aspect and distortion start from `start` and are held there by weak priors. Each camera's noise
+    and the wrong corners are judged by the residuals themselves, in rounds: pictures taken at a slant have corners
+    that are less sure. The covariance is that of the inverse normal matrix, scaled by the residuals (Huber 1981, eq.
+    7.6.5).
     Raises CalibrationError where the views leave some parameter free.
     """
     sights = {name: _Sight.of(found) for name, found in views.items()}
-    network, noise_px = start, CORNER_NOISE_PX
+    network = start
     errors = {name: _errors(network, name, sight) for name, sight in sights.items()}
+    noise_px = _noise(errors, start)
     accepted: dict[str, Mask] = {name: np.ones(len(sight.uv_px), np.bool_) for name, sight in sights.items()}
     for _ in range(_ROUNDS):
-        spread_px = _spread(errors)
-        problem = _Problem(start, sights, accepted, _HUBER * spread_px, noise_px)
+        problem = _Problem(start, sights, accepted, noise_px)
         network = problem.minimise(network)
         errors = {name: _errors(network, name, sight) for name, sight in sights.items()}
-        noise_px = _spread(errors)
-        accepted = {n: np.asarray((np.abs(e) <= _REJECTED * noise_px).all(axis=1)) for n, e in errors.items()}
-        if abs(noise_px - spread_px) <= 1e-3 * spread_px:
+        before_px, noise_px = noise_px, _noise(errors, start)
+        accepted = {n: np.asarray((np.abs(e) <= _REJECTED * noise_px[n]).all(axis=1)) for n, e in errors.items()}
+        if all(abs(noise_px[n] - before_px[n]) <= _SETTLED * noise_px[n] for n in noise_px):
             break
     return Adjusted(network, errors, accepted, problem.covariance(network))
 
 
-def _spread(errors_px: Mapping[str, Array]) -> float:
-    return max(bulk_deviation(np.concatenate(list(errors_px.values()))), _LEAST_NOISE_PX)
+def _noise(errors_px: Mapping[str, Array], network: Network) -> dict[str, float]:
+    """One sigma of every camera's corners in either direction, from the bulk of its residuals.
+
+    A camera's own parameters follow its corners, which makes the residuals smaller than the noise. Below half of the
+    noise of all, few corners agree by chance.
+    """
+    least_px = max(0.5 * bulk_deviation(np.concatenate(list(errors_px.values()))), _LEAST_NOISE_PX)
+    noise_px = {}
+    for name, error in errors_px.items():
+        freedom = max(error.size - network.cameras[name].parameters, 0.25 * error.size)
+        noise_px[name] = max(bulk_deviation(error) * float(np.sqrt(error.size / freedom)), least_px)
+    return noise_px
 
 
 @dataclass(frozen=True)
@@ -106,8 +117,7 @@ class _Problem:
     start: Network
     sights: Mapping[str, _Sight]
     accepted: Mapping[str, Mask]
-    threshold_px: float
-    noise_px: float
+    noise_px: Mapping[str, float]
 
     def minimise(self, network: Network) -> Network:
         """Levenberg-Marquardt, damped in units of the normal matrix's own diagonal (Marquardt 1963)."""
@@ -134,14 +144,14 @@ class _Problem:
         normal, gradient, cost = np.zeros((network.parameters,) * 2), np.zeros(network.parameters), 0.0
         for name, own in network.camera_slices().items():
             rows = _linearised(network, name, self.sights[name])
-            size = np.abs(rows.error)
-            weight = np.minimum(1.0, self.threshold_px / np.maximum(size, 1e-12)) * np.repeat(self.accepted[name], 2)
-            cost += float((weight * size * (size - 0.5 * np.minimum(size, self.threshold_px))).sum())
-            rows = rows.times(np.sqrt(weight))
+            size = np.abs(rows.error) / self.noise_px[name]
+            weight = np.minimum(1.0, _HUBER / np.maximum(size, 1e-12)) * np.repeat(self.accepted[name], 2)
+            cost += float((weight * size * (size - 0.5 * np.minimum(size, _HUBER))).sum())
+            rows = rows.times(np.sqrt(weight) / self.noise_px[name])
             normal[own, own] += rows.by_camera.T @ rows.by_camera
             gradient[own] += rows.by_camera.T @ rows.error
             _add_boards(normal, gradient, network, own, rows)
-            prior, by_lens = _prior(network.cameras[name], self.start.cameras[name], self.noise_px)
+            prior, by_lens = _prior(network.cameras[name], self.start.cameras[name])
             lens = slice(own.start, own.start + by_lens.shape[1])
             normal[lens, lens] += by_lens.T @ by_lens
             gradient[lens] += by_lens.T @ prior
@@ -151,15 +161,17 @@ class _Problem:
     def covariance(self, network: Network) -> Array:
         """Of all parameters: inverse normal matrix times the variance of the corners, as M-estimates have it."""
         normal, _, _ = self.system(network)
-        residuals = [_errors(network, name, sight)[self.accepted[name]] for name, sight in self.sights.items()]
-        error = np.concatenate(residuals).ravel()
-        held = np.clip(error, -self.threshold_px, self.threshold_px)
-        inside = float((np.abs(error) <= self.threshold_px).mean())
+        error = np.concatenate([
+            _errors(network, name, sight)[self.accepted[name]].ravel() / self.noise_px[name]
+            for name, sight in self.sights.items()
+        ])  # fmt: skip
+        held = np.clip(error, -_HUBER, _HUBER)
+        inside = float((np.abs(error) <= _HUBER).mean())
         # The priors count as observations: three and the distortion of each lens.
         beliefs = sum(camera.lens.parameters - 1 for camera in network.cameras.values())
         freedom = max(len(error) + beliefs - network.parameters, 1)
         departures = np.concatenate([
-            _prior(camera, self.start.cameras[name], self.noise_px)[0] for name, camera in network.cameras.items()
+            _prior(camera, self.start.cameras[name])[0] for name, camera in network.cameras.items()
         ])  # fmt: skip
         variance = float(held @ held + departures @ departures) / freedom / inside
         # Scaled to a unit diagonal first: pixels and radians differ by many decades.
@@ -215,8 +227,8 @@ def _add_boards(normal: Array, gradient: Array, network: Network, own: slice, ro
         gradient[place] += board.T @ rows.error[chosen]
 
 
-def _prior(camera: Camera, start: Camera, noise_px: float) -> tuple[Array, Array]:
-    """Weighted departure (3 + k,) from what is believed, and its derivative (3 + k, 4 + k) by the lens."""
+def _prior(camera: Camera, start: Camera) -> tuple[Array, Array]:
+    """Departure (3 + k,) from what is believed in its sigmas, and its derivative (3 + k, 4 + k) by the lens."""
     lens, first = camera.lens, start.lens
     focal, believed = lens.matrix[[0, 1], [0, 1]], first.matrix[:2, 2]
     centre_px = CENTRE_SIGMA * 2 * believed[0]
@@ -228,8 +240,7 @@ def _prior(camera: Camera, start: Camera, noise_px: float) -> tuple[Array, Array
     jacobian[[0, 1], [2, 3]] = 1
     jacobian[2, :2] = 1, -1
     jacobian[3:, 4:] = np.eye(len(lens.distortion))
-    weight = noise_px / sigma
-    return np.asarray(weight * departure, np.float64), np.asarray(weight[:, None] * jacobian, np.float64)
+    return np.asarray(departure / sigma, np.float64), np.asarray(jacobian / sigma[:, None], np.float64)
 
 
 def _solve(matrix: Array, right: Array, network: Network) -> Array:

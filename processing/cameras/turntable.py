@@ -32,6 +32,11 @@ class Axis:
     tilt_deviation_rad: Array
     place_deviation_m: Array
 
+    @property
+    def tilt_rad(self) -> float:
+        """Angle from the board's normal to the axis."""
+        return float(np.arctan2(np.hypot(*self.direction[:2]), self.direction[2]))
+
 
 def axis_of(network: Network, covariance: Array) -> Axis:
     """The axis of an adjusted network with turned boards."""

@@ -1,23 +1,32 @@
 """Camera models from a `calibrate` session."""
 
+from math import degrees
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from processing.cameras.board import Board
-from processing.cameras.calibration import survey_images, write_cameras
+from processing.cameras.calibration import Survey, survey_images, write_cameras
 from processing.cameras.network import Shot
+from processing.cameras.turntable import Axis
 from processing.formats.raw import read_raw
 from processing.products.provenance import write_description
 from processing.radiometry.mosaic import grey_mosaic
 from rig.sessions import FrameRecord, Session
 from service.pipeline.calibrations import CALIBRATION, CAMERAS, Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
+from service.survey_pictures import draw_network, draw_residuals
+
+RESIDUALS, NETWORK = "residuals.png", "network.png"
 
 
 def make_calibration(session: Session, calibrations: Calibrations, progress: Progress) -> Path:
-    """Camera models from the ChArUco frames of a `calibrate` session."""
+    """Camera models and the turntable's axis from the ChArUco frames of a `calibrate` session, and pictures of both.
+
+    The rig frame is that of the axis; azimuth 0 is where the cameras of the arc stand, in the mean.
+    """
     folder = session.products / CALIBRATION
     records = session.frames()
     if is_current(folder, inputs := fingerprint(records, {"calibrations": calibrations.digest()})):
@@ -31,12 +40,32 @@ def make_calibration(session: Session, calibrations: Calibrations, progress: Pro
     survey = survey_images(images, printed)
     arc = [name for name in survey.cameras if session.config.cameras[name].mount == "camera_arc"]
     survey = survey.facing(arc)
-    cameras = survey.cameras
     folder.mkdir(parents=True, exist_ok=True)
-    write_cameras(cameras, folder / CAMERAS)
-    content = {"file": CAMERAS, "rms_px": {name: camera.rms_px for name, camera in cameras.items()}}
-    write_description(folder, "calibration", content, provenance(session, inputs))
+    write_cameras(survey.cameras, folder / CAMERAS)
+    draw_residuals(survey, folder / RESIDUALS)
+    draw_network(survey, printed, folder / NETWORK)
+    write_description(folder, "calibration", {"file": CAMERAS, **_figures(survey)}, provenance(session, inputs))
     return folder
+
+
+def _figures(survey: Survey) -> dict[str, Any]:
+    """What a person asks of a calibration: residuals and corners per camera, and how the axis stands to the board."""
+    return {
+        "rms_px": {name: camera.rms_px for name, camera in survey.cameras.items()},
+        "corners": {name: len(residuals.uv_px) for name, residuals in survey.residuals.items()},
+        "corners_left_out": {name: int((~r.accepted).sum()) for name, r in survey.residuals.items()},
+        "axis": None if survey.axis is None else _axis_figures(survey.axis),
+    }
+
+
+def _axis_figures(axis: Axis) -> dict[str, Any]:
+    return {
+        "direction_in_board": axis.direction.tolist(),
+        "tilt_deg": degrees(axis.tilt_rad),
+        "tilt_deviation_deg": np.degrees(axis.tilt_deviation_rad).tolist(),
+        "point_in_board_mm": (1e3 * axis.point_m).tolist(),
+        "place_deviation_mm": (1e3 * axis.place_deviation_m).tolist(),
+    }
 
 
 def _grey(record: FrameRecord, calibrations: Calibrations) -> NDArray[np.float32]:

@@ -82,8 +82,8 @@ class Pinhole(Lens):
         """NaN behind the camera, and beyond the angle at which the distortion would fold the image back."""
         points = np.asarray(points_m, np.float64).reshape(-1, 3)
         uv_px = geometry.project(points, self.matrix, self.distortion, np.eye(4))
-        folded = points[:, 0] ** 2 + points[:, 1] ** 2 > self._reach**2 * points[:, 2] ** 2
-        uv_px[folded] = np.nan
+        within = points[:, 0] ** 2 + points[:, 1] ** 2 <= self._reach**2 * points[:, 2] ** 2
+        uv_px[~within] = np.nan
         return np.asarray(uv_px.reshape(*np.shape(points_m)[:-1], 2))
 
     def rays(self, uv_px: NDArray[np.floating]) -> Array:
@@ -137,7 +137,7 @@ class Fisheye(Lens):
         theta = np.arctan2(across, points[:, 2])
         scale = np.divide(self._radius(theta), across, out=np.ones_like(across), where=across > 0)
         plane = points[:, :2] * scale[:, None]
-        plane[(theta > self.reach_rad) | (theta == np.pi)] = np.nan
+        plane[~(theta <= self.reach_rad) | (theta == np.pi)] = np.nan
         return self._pixels(plane).reshape(*np.shape(points_m)[:-1], 2)
 
     def rays(self, uv_px: NDArray[np.floating]) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.cameras.board import BoardView
+from processing.cameras.board import MIN_CORNERS, BoardView
 from processing.cameras.lens import Lens
 from processing.cameras.network import Shot, Views
 from processing.errors import CalibrationError
@@ -73,6 +73,7 @@ def board_poses(lens: Lens, view: BoardView) -> Array:
     local = geometry.rotate(geometry.invert(toward), rays[imaged])
     plane = local[:, :2] / local[:, 2:]
     points = np.ascontiguousarray(view.points_m[imaged])
+    points, plane = (part[likely_corners(points, plane)] for part in (points, plane))
     try:
         _, turns, shifts, _ = cv2.solvePnPGeneric(points, plane, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
     except cv2.error:
@@ -84,18 +85,28 @@ def board_poses(lens: Lens, view: BoardView) -> Array:
     return np.stack(facing) if facing else np.empty((0, 4, 4))
 
 
+def likely_corners(points_m: Array, plane: Array) -> NDArray[np.bool_]:
+    """Which corners (n,) follow the homography that most follow, from the board to a plane (least median of squares).
+
+    Good enough to begin with: neither all wrong corners are found, nor are all others right.
+    """
+    _, mask = cv2.findHomography(points_m[:, :2], plane, cv2.LMEDS)
+    kept = np.ones(len(plane), np.bool_) if mask is None else mask.ravel() > 0
+    return kept if np.count_nonzero(kept) >= MIN_CORNERS else np.ones(len(plane), np.bool_)
+
+
 def errors_px(lens: Lens, poses: Array, views: Sequence[BoardView]) -> Array:
-    """Root mean square distance (c, v) of found and predicted corners; infinite where a corner has no image.
+    """Median distance (c, v) of found and predicted corners; infinite where a corner has no image.
 
     `poses` (c, v, 4, 4) are camera_from_board of c candidates in each of v views.
     """
     counts = [len(view.uv_px) for view in views]
     turns, shifts_m = poses[:, :, :3, :3].swapaxes(2, 3), poses[:, :, None, :3, 3]
     local = np.concatenate([view.points_m @ turns[:, i] + shifts_m[:, i] for i, view in enumerate(views)], axis=1)
-    squared = ((lens.project(local) - np.concatenate([view.uv_px for view in views])) ** 2).sum(axis=-1)
-    starts = np.cumsum([0, *counts[:-1]])
-    mean = np.add.reduceat(squared, starts, axis=1) / counts
-    return np.asarray(np.sqrt(np.where(np.isfinite(mean), mean, np.inf)), np.float64)
+    apart = np.linalg.norm(lens.project(local) - np.concatenate([view.uv_px for view in views]), axis=-1)
+    apart[np.isnan(apart)] = np.inf
+    by_view = np.split(apart, np.cumsum(counts[:-1]), axis=1)
+    return np.stack([np.median(part, axis=1) for part in by_view], axis=1)
 
 
 def _camera(

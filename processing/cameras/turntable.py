@@ -15,6 +15,7 @@ from processing.cameras.placement import Placed
 from processing.errors import CalibrationError
 
 Array = NDArray[np.float64]
+MAX_TILT_DEVIATION_RAD = np.radians(0.1)  # as well as a hand lays the board down
 _LEAST_TURN_RAD = np.radians(2.0)  # below it a turn's axis is mostly noise
 _DISAGREEMENT_RAD = np.radians(5.0)  # a first placement is good to a degree or two
 
@@ -39,10 +40,15 @@ class Axis:
 
 
 def axis_of(network: Network, covariance: Array) -> Axis:
-    """The axis of an adjusted network with turned boards."""
+    """The axis of an adjusted network with turned boards. Raises CalibrationError where they turned by too little."""
     board = network.boards[0]
     variance = np.diag(covariance)[network.board_slices()[0]]
     deviation = np.sqrt(np.maximum(variance, 0))
+    if not (deviation[:2] <= MAX_TILT_DEVIATION_RAD).all():
+        raise CalibrationError(
+            f"the turned boards leave the turntable's axis uncertain by {np.degrees(deviation[:2].max()):.2g} deg; "
+            "photograph pose 0 at angles all around."
+        )
     return Axis(board[2, :3].copy(), -board[:3, :3].T @ board[:3, 3], deviation[:2], deviation[2:])
 
 

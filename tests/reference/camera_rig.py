@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from processing import geometry
 from processing.cameras.board import Board, BoardView
 from processing.cameras.bundle import ASPECT_SIGMA, CENTRE_SIGMA
+from processing.cameras.calibration import CameraModel
 from processing.cameras.lens import Pinhole
 from processing.cameras.network import Camera, Network, Shot
 
@@ -28,6 +29,12 @@ class CameraRig:
     @property
     def sizes(self):
         return dict.fromkeys(self.network.cameras, SIZE)
+
+    @property
+    def models(self):
+        """The true cameras as models."""
+        cameras = self.network.cameras.items()
+        return {name: CameraModel(c.lens, geometry.invert(c.camera_from_rig), SIZE) for name, c in cameras}
 
     def corners(self, name, shot):
         """The board's corners (n, 2) in one picture."""
@@ -61,10 +68,11 @@ def inside(uv_px):
 def camera_rig(rng, elevations_deg=ELEVATIONS_DEG, turns_deg=TURNS_DEG, poses=8):
     """Lenses drawn from what is believed of them, cameras and boards as on the simulated rig.
 
-    The board of pose 0 lies a little beside the axis and tilted, its centre at z = 0, its right toward azimuth 0.
+    The board of pose 0 lies a little beside the axis and tilted, its centre at z = 0, its right toward azimuth 0;
+    without turns it is the rig frame.
     """
     cameras = {f"cam{i}": camera_at(elevation, rng) for i, elevation in enumerate(elevations_deg)}
-    boards = {0: laid_board(rng)} | {pose: held_board(rng) for pose in range(1, poses)}
+    boards = {0: laid_board(rng) if turns_deg else np.eye(4)} | {pose: held_board(rng) for pose in range(1, poses)}
     shots = [Shot(pose) for pose in range(poses)] + [Shot(0, np.radians(angle)) for angle in turns_deg]
     return CameraRig(Network(cameras, boards, bool(turns_deg)), tuple(sorted(shots)))
 
@@ -144,9 +152,17 @@ def _beliefs(network):
     return information
 
 
-def normalised_errors(true, found, deviation):
+def normalised_errors(true, found):
     """Errors of the lens's parameters, then of turn and shift of camera_from_rig, over the deviations claimed."""
     inside = (found.lens.matrix - true.lens.matrix)[[0, 1, 0, 1], [0, 1, 2, 2]]
-    turn = Rotation.from_matrix(found.camera_from_rig[:3, :3] @ true.camera_from_rig[:3, :3].T).as_rotvec()
-    shift = found.camera_from_rig[:3, 3] - true.camera_from_rig[:3, 3]
-    return np.concatenate([inside, found.lens.distortion - true.lens.distortion, turn, shift]) / deviation
+    poses = [geometry.invert(camera.rig_from_camera) for camera in (found, true)]
+    turn = Rotation.from_matrix(poses[0][:3, :3] @ poses[1][:3, :3].T).as_rotvec()
+    shift = poses[0][:3, 3] - poses[1][:3, 3]
+    return np.concatenate([inside, found.lens.distortion - true.lens.distortion, turn, shift]) / found.deviation
+
+
+def axis_errors(true, found):
+    """Tilt of pose 0 about X and Y and its shift along them, over the deviations claimed for the axis."""
+    apart = found.boards[0] @ geometry.invert(true.boards[0])
+    tilt = Rotation.from_matrix(apart[:3, :3]).as_rotvec()[:2] / found.axis.tilt_deviation_rad
+    return np.concatenate([tilt, (found.boards[0] - true.boards[0])[:2, 3] / found.axis.place_deviation_m])

@@ -20,8 +20,8 @@ import numpy as np
 
 from processing import geometry
 from processing.cameras.board import Board, BoardView, find_charuco, find_chessboard
-from processing.cameras.calibration import CameraModel, Survey, calibrate_camera, survey
-from processing.cameras.network import Camera, Shot
+from processing.cameras.calibration import CameraModel, calibrate_camera, survey
+from processing.cameras.network import Shot
 from processing.formats.raw import read_raw
 from processing.radiometry.mosaic import grey_mosaic
 from service.bench import Result
@@ -52,7 +52,7 @@ def synthetic(seeds: int) -> Result:
         seconds.append(spent_s)
         bounds.append([bound_px(rig, NOISE_PX, believed=believed) for believed in (False, True)])
         ours.append([found.cameras[name].project(SAMPLE) - rig.sample_px(name) for name in views])
-        normalised.append([_normalised(rig, found, name) for name in views])
+        normalised.append([normalised_errors(rig.models[name], found.cameras[name]) for name in views])
         errors, spent_s = timed(lambda rig=rig, views=views: [_alone(rig, name, views[name]) for name in views])
         alone.append(errors)
         alone_s.append(spent_s)
@@ -67,12 +67,6 @@ def synthetic(seeds: int) -> Result:
         {"method": "cv2.calibrateCamera, each camera", "seconds": min(alone_s), "error": rms(alone), "peer": True,
          **same},
     ])  # fmt: skip
-
-
-def _normalised(rig: CameraRig, found: Survey, name: str) -> np.ndarray:
-    model = found.cameras[name]
-    camera = Camera(model.lens, geometry.invert(model.rig_from_camera))
-    return normalised_errors(rig.network.cameras[name], camera, model.deviation)
 
 
 def _alone(rig: CameraRig, name: str, found: Mapping[Shot, BoardView]) -> np.ndarray:

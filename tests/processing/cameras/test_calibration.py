@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from processing import geometry
 from processing.cameras.board import Board, BoardView, find_charuco, find_chessboard, gray8
@@ -20,61 +19,28 @@ from processing.cameras.calibration import (
     survey_images,
     write_cameras,
 )
-from processing.cameras.lens import Pinhole
 from processing.cameras.network import Shot
 from processing.errors import CalibrationError, ImageError
 from tests.public_data import DATA
 from tests.reference.boards import photograph_board
-
-BOARD = Board(7, 5, 0.012, 0.009)
-SIZE = (240, 320)
+from tests.reference.camera_rig import BOARD, SIZE, camera_rig, normalised_errors
 
 
-def camera_at(elevation_deg, rng):
-    """A long lens at a metre, roughly aimed at the origin: half a millimetre a pixel."""
-    e = np.radians(elevation_deg)
-    position = np.array([np.cos(e), 0, np.sin(e)]) + rng.normal(0, 1e-3, 3)
-    pose = geometry.look_at(position, rng.normal(0, 2e-3, 3))
-    focal, centre = 2000 * rng.uniform(0.99, 1.01), rng.uniform((155, 115), (164, 124))
-    matrix = np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]])
-    return CameraModel(Pinhole(matrix, np.array([-0.1, 0, 0, 0, 0])), pose, SIZE)
+@cache
+def network(noise_px, seed=1):
+    """Four true cameras and what they see of eight boards."""
+    rng = np.random.default_rng(seed)
+    rig = camera_rig(rng, elevations_deg=(25, 45, 65, 88), turns_deg=())
+    return rig.models, rig.views(noise_px, rng)
 
 
-def board_poses(count, rng):
-    poses = {0: np.eye(4)}
-    for k in range(1, count):
-        azimuth, tilt, spin = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(12, 30)), rng.uniform(-0.5, 0.5)
-        axis = tilt * np.array([np.cos(azimuth), np.sin(azimuth), 0])
-        shift = rng.uniform([-0.012, -0.012, 0], [0.012, 0.012, 0.015])
-        poses[k] = geometry.rigid_from_vectors(axis, shift) @ geometry.rotation_z(spin)
-    return poses
+SIZES = {f"cam{i}": SIZE for i in range(4)}
 
 
 def seen(camera, rig_from_board, noise_px, rng):
     points = BOARD.corners_m()
     uv = camera.project(geometry.transform_points(rig_from_board, points))
     return BoardView(points, uv + rng.normal(0, noise_px, uv.shape))
-
-
-@cache
-def network(noise_px, seed=1):
-    rng = np.random.default_rng(seed)
-    cameras = {f"cam{i}": camera_at(e, rng) for i, e in enumerate((25, 45, 65, 88))}
-    poses = board_poses(8, rng)
-    views = {n: {Shot(k): seen(c, p, noise_px, rng) for k, p in poses.items()} for n, c in cameras.items()}
-    return cameras, views
-
-
-SIZES = {f"cam{i}": SIZE for i in range(4)}
-
-
-def normalised_errors(true, found):
-    """Errors of fx fy cx cy, k1 k2 p1 p2 k3, turn and shift of camera_from_rig in units of the deviations claimed."""
-    inside = (found.lens.matrix - true.lens.matrix)[[0, 1, 0, 1], [0, 1, 2, 2]]
-    poses = [geometry.invert(camera.rig_from_camera) for camera in (found, true)]
-    turn = Rotation.from_matrix(poses[0][:3, :3] @ poses[1][:3, :3].T).as_rotvec()
-    shift = poses[0][:3, 3] - poses[1][:3, 3]
-    return np.concatenate([inside, found.lens.distortion - true.lens.distortion, turn, shift]) / found.deviation
 
 
 def test_exact_corners_give_what_they_were_made_with():
@@ -149,11 +115,11 @@ def test_a_wrong_corner_does_little_harm():
 
 def test_pictures_of_a_board_give_the_cameras():
     """Drawn boards through detection, Zhang and adjustment; x, y and z of the rig frame as the board lies."""
-    rng = np.random.default_rng(4)
-    cameras = {f"cam{i}": camera_at(e, rng) for i, e in enumerate((45, 65, 88))}
-    poses = board_poses(6, rng)
+    rig = camera_rig(np.random.default_rng(4), elevations_deg=(45, 65, 88), turns_deg=(), poses=6)
+    cameras = rig.models
     images = {
-        n: {Shot(k): photograph_board(BOARD, c, p, samples=2) for k, p in poses.items()} for n, c in cameras.items()
+        n: {s: photograph_board(BOARD, c, rig.network.rig_from_board(s), samples=2) for s in rig.shots}
+        for n, c in cameras.items()
     }
     found = survey_images(images, BOARD).cameras
     sample = geometry.texel_grid(9, 0.06)
@@ -167,7 +133,7 @@ def test_pictures_of_a_board_give_the_cameras():
 def test_corners_are_where_the_board_frame_says():
     """Board x right, y up, z toward the reader, origin in the middle: seen from above the print is not mirrored."""
     rng = np.random.default_rng(0)
-    camera = camera_at(88, rng)
+    camera = camera_rig(rng, elevations_deg=(88,)).models["cam0"]
     view = find_charuco(photograph_board(BOARD, camera, np.eye(4)), BOARD)
     assert len(view.uv_px) == 24
     assert np.sqrt(np.mean((view.uv_px - camera.project(view.points_m)) ** 2)) < 0.15
@@ -176,7 +142,7 @@ def test_corners_are_where_the_board_frame_says():
 
 def test_views_that_do_not_determine_the_camera_are_refused():
     rng = np.random.default_rng(0)
-    camera = camera_at(88, rng)
+    camera = camera_rig(rng, elevations_deg=(88,)).models["cam0"]
     flat = [seen(camera, geometry.rigid(np.eye(3), [s, -s, 0]), 0.1, rng) for s in np.linspace(-0.01, 0.01, 5)]
     with pytest.raises(CalibrationError, match="3 are needed"):
         calibrate_camera(flat[:2], SIZE)
@@ -243,7 +209,7 @@ def test_what_is_no_calibration_is_named(tmp_path, text):
 
 
 def test_json_is_plain():
-    camera = camera_at(45, np.random.default_rng(0))
+    camera = network(0.1)[0]["cam1"]
     assert json.loads(json.dumps(camera.to_json()))["size"] == [240, 320]
     with pytest.raises(CalibrationError):
         CameraModel.from_json({**camera.to_json(), "matrix": [1, 2, 3]})

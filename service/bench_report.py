@@ -20,7 +20,7 @@ _NARROW = 2.0
 
 def draw_report(records: Sequence[Path], picture: Path) -> int:
     """Write the picture of all records that have rows with run time and error; count the points."""
-    panels = [panel for panel in map(_panel, records) if panel[1]]
+    panels = [panel for path in records for panel in _panels(path)]
     report_figure(panels).savefig(picture, dpi=120)
     return sum(len(rows) for _, rows in panels)
 
@@ -42,10 +42,15 @@ def report_figure(panels: Sequence[tuple[str, Sequence[Row]]]) -> Figure:
     return figure
 
 
-def _panel(path: Path) -> tuple[str, list[Row]]:
+def _panels(path: Path) -> list[tuple[str, list[Row]]]:
+    """Title and rows of a record's panels, one for each `part` that its rows name."""
     record = json.loads(path.read_text(encoding="utf-8"))
-    rows = [row for row in record["rows"] if row.get("seconds", 0) > 0 and row.get("error", 0) > 0]
-    return str(record["bench"]) + (" (quick)" if record.get("quick") else ""), rows
+    rows = [row for row in record["rows"] if (row.get("seconds") or 0) > 0 and (row.get("error") or 0) > 0]
+    title = str(record["bench"]) + (" (quick)" if record.get("quick") else "")
+    parts = dict.fromkeys(row.get("part", "") for row in rows)
+    return [
+        (f"{title}: {part}" if part else title, [row for row in rows if row.get("part", "") == part]) for part in parts
+    ]
 
 
 def _draw_panel(axes: Axes, title: str, rows: Sequence[Row]) -> None:

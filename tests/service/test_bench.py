@@ -7,8 +7,8 @@ import pytest
 from matplotlib.text import Text
 
 from rig.errors import ConfigError
-from service import bench
-from service.bench_report import report_figure
+from service import bench, bench_report
+from service.bench_report import draw_report, report_figure
 from service.measuring import benchmark
 
 
@@ -62,6 +62,14 @@ def test_labels_of_the_report_do_not_touch(bound):
         for i, box in enumerate(boxes):
             assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
             assert not any(box.y0 < other.y1 and other.y0 < box.y1 for other in boxes[i + 1 :])
+
+
+def test_parts_of_a_benchmark_have_panels_of_their_own(tmp_path):
+    rows = [{"method": "one", "seconds": 1.0, "error": 0.1, "part": part} for part in ("axis", "lamps", "axis")]
+    rows += [{"method": "two", "seconds": 1.0, "error": None}, {"method": "three", "missing": "not installed"}]
+    (tmp_path / "bench-a.json").write_text(json.dumps({"bench": "a", "rows": rows}))
+    assert draw_report([tmp_path / "bench-a.json"], tmp_path / "report.png") == 3
+    assert [title for title, _ in bench_report._panels(tmp_path / "bench-a.json")] == ["a: axis", "a: lamps"]
 
 
 def test_a_report_without_points_says_so():

@@ -14,7 +14,7 @@ Mask = NDArray[np.bool_]
 
 PHASES = ((0, 0), (0, 1), (1, 0), (1, 1))  # of a mosaic's 2 x 2 cell: row, column
 SMALLEST_PX = 8
-SATURATED = 0.5  # share at the highest code from which equal frames are saturated, not copies
+UNSATURATED = 0.01  # share below the highest code from which equal frames are copies, not saturated
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class Levels:
 def gather(frames: Iterable[Frame], exposure_s: float) -> Series:
     """Mean and scatter of the frames of one exposure, from running sums.
 
-    A frame equal to the one before, bit for bit, is the same frame and counts once.
+    A frame equal to another, bit for bit, is the same frame and counts once.
     Raises ImageError where a frame is not finite or of another size, CalibrationError where fewer than two differ.
     """
     sums = _Sums()
@@ -83,7 +83,7 @@ class _Sums:
     """Sums of each frame less its own level, so that flicker of the light is no noise of the pixels."""
 
     def __init__(self) -> None:
-        self._last = b""
+        self._seen: set[bytes] = set()
         self._total: Array = np.zeros((0, 0))
         self._squares: Array = np.zeros((0, 0))
         self._levels: list[Array] = []
@@ -92,9 +92,9 @@ class _Sums:
     def add(self, frame: Frame) -> None:
         counts = np.ascontiguousarray(frame.raw_dn)
         digest = hashlib.sha256(counts.tobytes()).digest()
-        if digest == self._last and np.mean(counts == counts.max()) < SATURATED:
+        if digest in self._seen and np.mean(counts < counts.max()) > UNSATURATED:
             return
-        self._last = digest
+        self._seen.add(digest)
         self._check(counts)
         if not self.taken_s:
             self._total, self._squares = np.zeros(counts.shape), np.zeros(counts.shape)

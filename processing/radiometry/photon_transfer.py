@@ -15,13 +15,13 @@ from processing.radiometry.frame_series import Frame, Levels, Mask, Series, gath
 from processing.radiometry.light_drift import corrected_s, light_drift
 from processing.radiometry.linearity import Linearity, LinearityFit, fit_linearity
 from processing.radiometry.pixel_maps import HOT_E_S, DarkSums, FlatSums, Spread, flat_map, offset_map, shrunk
+from processing.radiometry.saturation import below_saturation, saturation_point
 from processing.radiometry.sensor import PixelCorrection, Sensor
 
 Array = NDArray[np.float64]
 Exposure = tuple[float, Iterable[Frame]]
 
-CLEAR = 4.0  # standard deviations between a level that is used and saturation
-COLLAPSED = 0.5  # share of pixels at the highest code from which it is the saturation
+ABOVE_ZERO = 4.0  # standard deviations of the dark that the black level must leave
 LEAST_FLATS = 3  # levels below saturation in each channel
 LEAST_LIGHT = 20.0  # of the brightest usable flat, in standard deviations of one sample in the dark
 HOT_SIGMA = 8.0  # of the longest dark exposure: under it a pixel is not called hot
@@ -70,10 +70,11 @@ class SensorMeasurement:
 
 
 def measure_sensor(dark: Iterable[Exposure], flat: Iterable[Exposure], stated: Sensor) -> SensorMeasurement:
-    """Measure a sensor from dark frames and from flat ones of an even, steady light; each frame is read once.
+    """Measure a sensor from dark frames and flat ones; each frame is read once.
 
-    Both are exposure times with their frames, the flats from the longest to the shortest, so that saturation is known
-    before it matters. `stated` is what the files say: the white level where none saturates, and a gain to begin with.
+    Both are exposure times with their frames: darks from the longest to the shortest, so that hot pixels are known,
+    flats of an even and steady light from the shortest to the longest, so that saturation shows. `stated` is what the
+    files say: the white level where none saturates, and a gain to begin with.
     Raises CalibrationError where there are too few frames or exposures, no light or light under the cap, only
     saturated flats, a channel without light or of another gain than the others, or light that is not steady;
     ImageError for a frame of another size or with values that are not finite.
@@ -116,7 +117,7 @@ def _measure_dark(dark: Iterable[Exposure], stated: Sensor) -> _Dark:
     _check_capped(slope, sound, stated.gain_e_per_dn)
     black = Measured(float(offset[sound].mean()), float(np.sqrt(offset_noise / sound.sum())))
     by_phase = phase_sum(np.where(sound, offset, 0.0)) / phase_sum(sound)
-    if min(by_phase) < CLEAR * np.sqrt(gathered[-1].variance_dn2.mean()):
+    if min(by_phase) < ABOVE_ZERO * np.sqrt(gathered[-1].variance_dn2.mean()):
         raise CalibrationError(
             f"the black level, {min(by_phase):.1f} dn, is so low that noise is cut off at 0; such a sensor's noise is "
             "not in its files."
@@ -163,34 +164,26 @@ class _Flats:
 def _gather_flats(flat: Iterable[Exposure], dark: _Dark, stated: Sensor) -> _Flats:
     found, usable, sums = list[Levels](), list[NDArray[np.bool_]](), FlatSums()
     frame_dn, taken_s = list[Array](), list[Array]()
-    saturation_dn, reached = stated.white_dn, False
+    at_rest = (dark.phase_black_dn, np.mean([one.variance_dn2 for one in dark.levels], axis=0))
+    saturation_dn: float | None = None
     for exposure_s, frames in flat:
-        if found and exposure_s >= found[-1].exposure_s:
-            raise ImageError("flat exposures must fall from the longest to the shortest.")
+        if found and exposure_s <= found[-1].exposure_s:
+            raise ImageError("flat exposures must rise from the shortest to the longest.")
         series = gather(frames, exposure_s)
         if series.mean_dn.shape != dark.sound.shape:
             raise ImageError(f"flat frames of {series.mean_dn.shape} pixels, dark ones of {dark.sound.shape}.")
-        if not found:
-            saturation_dn, reached = _saturation(series, dark.sound, stated.white_dn)
         level = levels(series, dark.sound)
-        clear = level.brightest_dn + CLEAR * np.sqrt(np.maximum(level.variance_dn2, 0)) < saturation_dn - 0.5
-        sums.add(series, clear)
+        usable.append(below_saturation(level, found, usable, at_rest, stated.white_dn))
+        saturation_dn = saturation_point(series, dark.sound, level, found, usable, at_rest)
+        sums.add(series, usable[-1])
         found.append(level)
-        usable.append(clear)
         frame_dn.append(series.frame_dn)
         taken_s.append(series.taken_s)
+    reached = saturation_dn is not None
+    saturation_dn = stated.white_dn if saturation_dn is None else saturation_dn
     flats = _Flats(found, frame_dn, taken_s, np.array(usable), sums, saturation_dn, reached)
     _check_light(flats, dark)
     return flats
-
-
-def _saturation(series: Series, sound: Mask, white_dn: float) -> tuple[float, bool]:
-    """The highest code, where at least half of a channel stands at it and its noise is gone; else the stated one."""
-    mean, still = series.mean_dn, series.scatter_dn2 < 1e-6
-    highest = float(mean[sound].max())
-    at = sound & (mean > highest - 1e-6) & still
-    share = max(float(at[r::2, c::2].mean()) for r, c in ((0, 0), (0, 1), (1, 0), (1, 1)))
-    return (highest, True) if share > COLLAPSED else (white_dn, False)
 
 
 def _check_light(flats: _Flats, dark: _Dark) -> None:

@@ -46,9 +46,9 @@ def _make_sensor(session: Session, records: Sequence[FrameRecord]) -> Path:
 def _exposures(
     records: Sequence[FrameRecord], before_lens: str, first: RawImage
 ) -> Iterator[tuple[float, Iterator[Frame]]]:
-    """The exposures with this before the lens, from the longest to the shortest; frames are read when asked for."""
+    """The exposures with this before the lens: darks fall, flats rise; frames are read when asked for."""
     mine = [record for record in records if (record.step.mount or {}).get("sample") == before_lens]
-    for exposure_s in sorted({record.step.exposure_s for record in mine}, reverse=True):
+    for exposure_s in sorted({record.step.exposure_s for record in mine}, reverse=before_lens == CAP):
         yield exposure_s, _frames([record for record in mine if record.step.exposure_s == exposure_s], first)
 
 

@@ -33,15 +33,22 @@ def run(*, quick: bool) -> Result:
             seconds.append(time.perf_counter() - begun_s)
             true = camera.unit.sensor
             errors.append((gain / true.gain_e_per_dn - 1, read_noise_e / true.read_noise_e - 1))
-        rms = np.sqrt(np.mean(np.square(errors), axis=0))
+        rms, median, worst = _distribution(np.abs(errors))
         rows.append({
-            "method": method, "seconds": min(seconds), "error": float(rms[0]), "read_noise_error_rms": float(rms[1]),
-            "units": len(cameras), "peer": measure is not _ours,
+            "method": method, "seconds": min(seconds), "error": rms[0], "units": len(cameras),
+            "gain_error": {"median": median[0], "largest": worst[0]},
+            "read_noise_error": {"rms": rms[1], "median": median[1], "largest": worst[1]},
+            "peer": measure is not _ours,
         })  # fmt: skip
         if measure is _ours:
-            worst = np.abs(errors).max(axis=0)
-            figures = {"gain_error": float(worst[0]), "read_noise_error": float(worst[1])}
+            figures = {"gain_error": worst[0], "read_noise_error": worst[1]}
     return Result(figures, rows)
+
+
+def _distribution(errors: np.ndarray) -> list[list[float]]:
+    """Root mean square, median and largest of each column."""
+    of_all = (np.sqrt(np.mean(errors**2, axis=0)), np.median(errors, axis=0), errors.max(axis=0))
+    return [values.tolist() for values in of_all]
 
 
 def _ours(camera: Camera, dark: list, flat: list) -> tuple[float, float]:

@@ -168,10 +168,53 @@ def test_other_converters(model, gain):
     assert result.sensor.gain_e_per_dn == pytest.approx(camera.unit.sensor.gain_e_per_dn, rel=0.02)
 
 
+@pytest.mark.parametrize("spread_dn", [0.0, 20.0])
+def test_a_full_well_below_the_highest_code_is_found(spread_dn):
+    """The files state 4095; the pixels stop at 3600, each at its own code."""
+    rng = np.random.default_rng(0)
+    wells = 3600 + np.rint(rng.normal(0, spread_dn, SMALL))
+
+    def spoil(raw_dn, exposure_s, key):
+        full = raw_dn.astype(float) >= wells
+        noise = np.rint(np.random.default_rng(key[-1]).normal(0, 1, SMALL)) if spread_dn else 0
+        return np.where(full, wells + noise, raw_dn).astype(np.uint16)
+
+    camera = _Broken(spoil)
+    result = measured(camera)
+    assert 3600 - 3.5 * spread_dn - 10 < result.figures["saturation_dn"].value <= 3600 - 2 * spread_dn
+    assert result.figures["saturation_dn"].sigma == 0
+    for name in ("gain_e_per_dn", "read_noise_e", "nonlinearity"):
+        figure, sensor = result.figures[name], camera.unit.sensor
+        share = (result.figures["saturation_dn"].value - 256) / 3839
+        true = sensor.compression * share**2 if name == "nonlinearity" else getattr(sensor, name)
+        assert abs(figure.value - true) < 4 * figure.sigma + 2e-4 * (name == "nonlinearity"), name
+
+
+def test_without_a_saturated_flat_the_stated_level_holds():
+    result = measure_sensor(*_dimmer(Camera(2, SMALL)))
+    assert result.figures["saturation_dn"].value == 4095
+    assert np.isnan(result.figures["saturation_dn"].sigma)
+
+
+def _dimmer(camera):
+    return camera.dark(), camera.flats(FLAT_S[:8]), camera.stated
+
+
+def test_frames_that_a_resumed_session_took_again_count_once():
+    """A simulated rig that is started anew repeats its noise: the third and fourth frame are the first and second."""
+
+    class Restarted(Camera):
+        def frame(self, exposure_s, rate_e_s, key, taken_s=0.0):
+            return super().frame(exposure_s, rate_e_s, (*key[:-1], key[-1] % 2), taken_s)
+
+    twice, once = measured(Restarted(2, SMALL)), measured(Camera(2, SMALL, repeats=2))
+    assert twice.sensor == once.sensor
+
+
 def test_five_flats_of_two_frames_are_enough():
     """The channels, of different sensitivity, tell the curve together."""
     camera = Camera(1, (240, 320), repeats=2)
-    result = measure_sensor(camera.dark((2.0, 0.1)), camera.flats((0.3, 0.2, 0.15, 0.08, 0.03)), camera.stated)
+    result = measure_sensor(camera.dark((2.0, 0.1)), camera.flats((0.03, 0.08, 0.15, 0.2, 0.3)), camera.stated)
     for name in ("gain_e_per_dn", "read_noise_e", "nonlinearity"):
         figure, true = result.figures[name], truth(camera, ~result.correction.hot)[name]
         assert abs(figure.value - true) < 4 * figure.sigma, name
@@ -183,7 +226,7 @@ def test_a_linear_sensor_is_left_linear():
     result = measured(camera)
     assert not result.linearity.significant
     calibration = SensorCalibration("VC", "", 100, camera.stated, result)
-    frame = next(iter(next(camera.flats())[1])).raw_dn
+    frame = camera.frame(0.1, 1000.0, ("any",)).raw_dn
     assert calibration.linear_dn(frame) is frame
 
 
@@ -252,9 +295,9 @@ def _room_light(raw_dn, exposure_s, key):
         (Camera(2, SMALL), (), FLAT_S, CalibrationError, "no dark frames"),
         (Camera(2, SMALL), DARK_S[:1], FLAT_S, CalibrationError, "one exposure only"),
         (Camera(2, SMALL), DARK_S, (), CalibrationError, "no flat frames"),
-        (Camera(2, SMALL), DARK_S, (2.0, 1.5, 1.0), CalibrationError, "below saturation"),
-        (Camera(2, SMALL), DARK_S, (0.0004, 0.0003, 0.0002, 0.0001), CalibrationError, "no light"),
-        (Camera(2, SMALL), DARK_S, FLAT_S[::-1], ImageError, "must fall"),
+        (Camera(2, SMALL), DARK_S, (1.0, 1.5, 2.0), CalibrationError, "below saturation"),
+        (Camera(2, SMALL), DARK_S, (0.0001, 0.0002, 0.0003, 0.0004), CalibrationError, "no light"),
+        (Camera(2, SMALL), DARK_S, FLAT_S[::-1], ImageError, "must rise"),
         (Camera(2, SMALL), DARK_S[::-1], FLAT_S, ImageError, "must fall"),
         (Camera(2, SMALL, light=lambda t: 1 + 0.02 * t), DARK_S, FLAT_S, CalibrationError, "drifts"),
         (Camera(2, SMALL, light=lambda t: 1 + 0.05 * np.sin(100 * t)), DARK_S, FLAT_S, CalibrationError, "flickers"),
@@ -265,7 +308,7 @@ def _room_light(raw_dn, exposure_s, key):
         (_Broken(lambda raw, t, key: np.full_like(raw, 4095)), DARK_S, FLAT_S, CalibrationError, "cap on the lens"),
     ],
     ids=["one frame each", "the same frame again", "no dark", "one dark exposure", "no flat", "all saturated",
-         "no light", "flats rise", "darks rise", "drift", "flicker", "NaN", "dead channel", "another gain",
+         "no light", "flats fall", "darks rise", "drift", "flicker", "NaN", "dead channel", "another gain",
          "light under the cap", "no cap"],
 )  # fmt: skip
 def test_what_cannot_be_measured_is_refused(camera, dark_s, flat_s, error, says):

@@ -13,6 +13,7 @@ from processing.errors import ImageError
 from processing.formats.exr import ExrImage, write_exr
 from processing.formats.photo import Photograph, read_photo
 from processing.formats.raw import RawImage, map_raw
+from processing.radiometry.defects import fill_hot_pixels
 from processing.radiometry.display import tonemap
 from processing.radiometry.exposure import ExposureTimes
 from processing.radiometry.hdr import PixelStatus, Radiance
@@ -88,7 +89,7 @@ def _merge_raw(paths: Sequence[Path], options: MergeOptions, sensor: SensorCalib
         sensor.check_fits(first.mosaic.shape, first.sensor)
     exposures = Exposures(mosaics, exposure_s, [str(path) for path in order], first.sensor)
     found = merge_stack(exposures.measured_by(sensor), options)
-    mosaic = found.radiance
+    mosaic = fill_hot_pixels(found.radiance)
     image, variance = white_balance(*demosaic(mosaic.value, mosaic.variance, first.cfa), first.white_balance)
     return MergedImage(
         radiance=Radiance(image, variance, _colour_status(image, variance, mosaic.status)),

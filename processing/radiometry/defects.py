@@ -35,8 +35,8 @@ def find_hot_pixels(mosaic: Radiance) -> NDArray[np.bool_]:
 
     Found are pixels over 1.5 times their brightest like-coloured neighbour whose excess is also over some fifty
     standard deviations of an adjacent pixel; in rough texture it must be larger still. False alarms: fewer than one
-    in 1e7 pixels of noise, none behind a lens of 0.5 px (standard deviation) or softer. A dot of one pure colour, finer
-    than the lens, would be mistaken. The outermost three pixels are not judged.
+    in a million pixels of noise, none behind a lens of 0.5 px (standard deviation) or softer. A dot of one pure
+    colour, finer than the lens, would be mistaken. The outermost three pixels are not judged.
     Raises ImageError where the image is no mosaic (h, w).
     """
     if mosaic.value.ndim != 2:
@@ -47,11 +47,28 @@ def find_hot_pixels(mosaic: Radiance) -> NDArray[np.bool_]:
 
 
 def without_hot_pixels(mosaic: Radiance) -> Radiance:
-    """The mosaic with its hot pixels unknown: NaN, status HOT. Demosaicing fills them from their neighbours."""
+    """The mosaic with the hot pixels that it shows unknown: NaN, status HOT."""
     hot = find_hot_pixels(mosaic)
     value, variance, status = mosaic.value.copy(), mosaic.variance.copy(), mosaic.status.copy()
     value[hot], variance[hot], status[hot] = np.nan, np.nan, PixelStatus.HOT
     return Radiance(value, variance, status)
+
+
+def fill_hot_pixels(mosaic: Radiance) -> Radiance:
+    """The mosaic (h, w) with a guess in each pixel of status HOT, for pictures: the mean of like-coloured neighbours.
+
+    Its variance is that of the neighbours about their mean, and their own. The status stays.
+    """
+    value, variance = mosaic.value.copy(), mosaic.variance.copy()
+    places = np.argwhere(mosaic.status == PixelStatus.HOT)
+    near = places[:, None] + _ALIKE
+    inside = ((near >= 0) & (near < mosaic.value.shape)).all(axis=-1)
+    y, x = np.moveaxis(np.where(inside[..., None], near, places[:, None]), -1, 0)
+    neighbours = np.ma.masked_invalid(mosaic.value[y, x])
+    spread = neighbours.var(axis=1) + np.ma.masked_invalid(mosaic.variance[y, x]).mean(axis=1)
+    value[tuple(places.T)] = neighbours.mean(axis=1).filled(np.nan)
+    variance[tuple(places.T)] = spread.filled(np.nan)
+    return Radiance(value, variance, mosaic.status)
 
 
 @njit(parallel=True, cache=True, error_model="numpy")

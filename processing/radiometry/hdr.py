@@ -42,8 +42,8 @@ def merge_exposures(
     A sample y of exposure t has mean r t and variance v = r t + read variance, and counts as Poisson shifted by the
     read variance: its score is t (y - r t) / v. A saturated sample counts as 'at least the white level' (censored),
     so that the result stays unbiased where an exposure switches off. Negative values are kept. `value` is in
-    electrons per second and solves the likelihood to 0.02 of its standard deviation (typically 0.001), `variance` is
-    the inverse of the information there, to 2 %. Exposures come in any order, equal times are welcome. Non-finite
+    electrons per second and solves the likelihood to 0.01 of its standard deviation (typically 0.0005), `variance` is
+    the inverse of the information there, to 1 %. Exposures come in any order, equal times are welcome. Non-finite
     samples are left out, positive infinity is saturated. With a `correction` the value is that of the nominal pixel.
     Whole counts are fastest as uint16; all else is taken as float32.
     Source: Granados et al. 2010, eq. 6, with the censoring of Tobin 1958; solved by Fisher scoring.
@@ -92,4 +92,6 @@ def _checked(raw_dn: NDArray[np.generic], exposure_s: ArrayLike) -> tuple[NDArra
         raise ImageError(f"stack of shape {stack.shape} with {times.size} exposure times; (k, h, w) and k are needed.")
     if not (np.isfinite(times) & (times > 0)).all():
         raise ImageError(f"exposure times must be positive and finite, not {times.tolist()} s.")
+    if stack.dtype.kind not in "uif":
+        raise ImageError(f"counts of type {stack.dtype}; whole or real numbers are needed.")
     return np.ascontiguousarray(stack, np.uint16 if stack.dtype == np.uint16 else np.float32), times

@@ -25,8 +25,9 @@ BLOCK_PX = 512
 STEPS = 12
 # Largest relative change of a sample's variance in the last step. It changes the weights of the residuals by as
 # much, so the step that would follow moves no pixel by more than about this share of its standard deviation.
-TOLERANCE = np.float32(0.02)
-CENSORED_STEPS = 30
+TOLERANCE = np.float32(0.01)
+CENSORED_STEPS = 60
+CENSORED_TOLERANCE = 1e-3  # in standard deviations: near saturation the information varies fast
 
 # In place of samples that give no count, beyond all that do.
 _CLIPPED = np.float32(1e30)
@@ -130,14 +131,18 @@ def _weigh(sample: Float32, share: np.float32, floor: np.float32, shot: Float32,
 
 @_vector_finite
 def _advance(rate: Float32, shot: Float32, sums: Sums, levels: Levels) -> bool:
-    """Take the weighted mean as the rate; says whether the variance of any sample changed by over the tolerance."""
+    """Take the weighted means as rates; says whether the variance of any sample changed by over the tolerance.
+
+    Weights that have settled stay, so that a pixel's result depends on none of its block's other pixels.
+    """
     counts, information = sums
     unsettled = False
     for x in range(rate.size):
         rate[x] = counts[x] / max(information[x], _TINY)
-        before = shot[x]
-        shot[x] = levels.per_electron * max(rate[x], _ZERO)
-        unsettled |= abs(shot[x] - before) > TOLERANCE * (shot[x] + levels.dark_variance)
+        noise = levels.per_electron * max(rate[x], _ZERO)
+        moves = abs(noise - shot[x]) > TOLERANCE * (noise + levels.dark_variance)
+        shot[x] = noise if moves else shot[x]
+        unsettled |= moves
     return unsettled
 
 
@@ -191,10 +196,11 @@ def _solve_censored(
 
     With a the distance from mean to ceiling in standard deviations and l the hazard at a, the score about the mean is
     l (1 / sigma + eps a / 2 variance), the second part because the variance grows with the mean; the information is
-    l (l - a) / variance (Tobin 1958).
+    l (l - a) / variance (Tobin 1958). The score falls with the rate: steps that leave the bracket are halved into it.
     """
     per_electron, dark_variance = float(levels.per_electron), float(levels.dark_variance)
     rate, information = start, 0.0
+    low, high = -np.inf, np.inf
     for _ in range(CENSORED_STEPS):
         score, information = 0.0, 0.0
         shot = per_electron * max(rate, 0.0)
@@ -212,8 +218,12 @@ def _solve_censored(
                 score += share * hazard * (1.0 / sigma + 0.5 * per_electron * a / variance)
                 information += share * share * hazard * (hazard - a) / variance
         step = score / information
-        rate += step
-        if step * step * information < TOLERANCE * TOLERANCE:
+        if step > 0:
+            low = rate
+        else:
+            high = rate
+        rate = rate + step if low < rate + step < high else 0.5 * (low + high)
+        if step * step * information < CENSORED_TOLERANCE**2:
             break
     return rate, information
 

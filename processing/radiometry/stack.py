@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from processing.radiometry.adaptive import SHARE, Curve, ReadReport, merge_adaptively, survey_patches
 from processing.radiometry.alignment import Alignment, alignment, shift_error
+from processing.radiometry.defects import without_hot_pixels
 from processing.radiometry.exposure import (
     LINEARISED,
     SYSTEMATIC,
@@ -70,7 +71,7 @@ DEFAULTS = MergeOptions()
 
 
 def merge_stack(exposures: Exposures, options: MergeOptions = DEFAULTS) -> MergedExposures:
-    """Merge by the times that the frames themselves confirm, reading what changes the result.
+    """Merge by the times that the frames themselves confirm, reading what changes the result; hot pixels are left out.
 
     Departures of the times beyond the noise are corrected. Raises ImageError that names the frames, unless the options
     say otherwise, where times are wrong by more than `exposure.GROSS` or the picture moved by more than
@@ -93,4 +94,4 @@ def merge_stack(exposures: Exposures, options: MergeOptions = DEFAULTS) -> Merge
         linear_dn=linear_dn,
         share=options.share,
     )
-    return MergedExposures(merged.radiance, times, found, merged.report)
+    return MergedExposures(without_hot_pixels(merged.radiance), times, found, merged.report)

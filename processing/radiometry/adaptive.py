@@ -17,7 +17,7 @@ from scipy.stats import norm
 from processing.errors import ImageError
 from processing.radiometry.hdr import Radiance, merge_exposures
 from processing.radiometry.sensor import PixelCorrection, Sensor
-from processing.radiometry.tile_kernel import tile_extremes
+from processing.radiometry.tile_kernel import gather_tiles, scatter_tiles, tile_extremes
 
 Array = NDArray[np.float64]
 Tiles = NDArray[np.bool_]
@@ -26,8 +26,8 @@ Sample = TypeVar("Sample", bound=np.generic)
 
 SHARE = 0.1  # of its standard deviation by which a result may change: its error grows by half a percent
 TILE_PX = 64
-SURVEY = 12  # one tile of so many is decoded in every frame, for what only the comparison of frames shows,
-SURVEY_TILES = 16  # and of small images one of fewer, so that there are about so many
+SURVEY = 12  # one tile of so many is decoded in every frame, for what only the comparison of frames shows;
+SURVEY_TILES = 16, 48  # of small images one of fewer and of large ones one of more, so that there are about so many
 _LEVEL_RATIO = 1.1
 _MARGIN = 4.0  # standard deviations by which a tile's extremes may be off
 _PHI = 0.6180339887  # golden section: spreads the surveyed tiles evenly over rows and columns
@@ -68,9 +68,8 @@ def merge_adaptively(
 
     Within every tile the rms difference to the merge of all samples is under `share` of the standard deviation. A
     first frame, the one that most levels need, gives each tile's range of radiance, with noise margins; frames that
-    matter within that range are read, and narrow it. Tiles of the `survey` are read whole. Memory-mapped frames are
-    not read from disk elsewhere, but for the system's whole pages. Share 0 reads all. `linear_dn` makes counts linear,
-    rising with them.
+    matter within that range are read, and narrow it. Tiles of the `survey` are read of all frames. Elsewhere frames on
+    disk are not touched, but the system reads whole pages. Share 0 reads all. `linear_dn` makes counts linear.
     Raises ImageError where frames, exposures and correction do not fit together.
     """
     times = np.asarray(exposure_s, np.float64)
@@ -80,9 +79,11 @@ def merge_adaptively(
     reading = _Reading(frames, times, needs, hot, lambda dn: _bounds(linear_dn(dn), sensor))
     reading.run(survey(frames[0].shape))
 
-    def merge(used: NDArray[np.intp], tiles: list[tuple[slice, slice]]) -> Radiance:
-        stack = linear_dn(np.stack([_gather(frames[i], tiles) for i in used]))
-        return merge_exposures(stack, times[used], sensor, _gathered(correction, tiles))
+    def merge(used: NDArray[np.intp], tiles: _AlikeTiles) -> Radiance:
+        stack = np.empty((len(used), *tiles.size), np.uint16)
+        for pixels, frame in zip(stack, used, strict=True):
+            tiles.gather(frames[frame], pixels)
+        return merge_exposures(linear_dn(stack), times[used], sensor, _gathered(correction, tiles))
 
     return AdaptiveMerge(_merge_tiles(merge, reading.decoded, frames[0].shape), reading.report())
 
@@ -95,7 +96,8 @@ def adaptive_read_ratio(raw_dn: NDArray[np.uint16], exposure_s: ArrayLike, senso
 def survey(shape: tuple[int, ...]) -> Tiles:
     """Which tiles (rows, columns) of images (h, w) are decoded in every frame, evenly spread."""
     rows, columns = (-(-size // TILE_PX) for size in shape)
-    pitch = min(max(rows * columns / SURVEY_TILES, 1.0), SURVEY)
+    least, most = SURVEY_TILES
+    pitch = max(min(rows * columns / least, SURVEY), rows * columns / most, 1.0)
     number = np.arange(rows)[:, None] * _PHI + np.arange(columns) / pitch
     picked = (number + 0.5 / pitch) % 1.0 < 1 / pitch
     picked[rows // 2, columns // 2] = True
@@ -234,7 +236,7 @@ class _Reading:
     def _read(self, frame: int, tiles: NDArray[np.intp]) -> None:
         """Touch these tiles of a frame and narrow their ranges."""
         y, x = tiles.T
-        extremes = np.stack(tile_extremes(self._frames[frame], tiles, TILE_PX, self._hot))
+        extremes = tile_extremes(self._frames[frame], tiles * TILE_PX, TILE_PX, self._hot)
         low, high = self._bounds(extremes) / self._times[frame]
         low, high = np.maximum(self._low[y, x], low), np.minimum(self._high[y, x], high)
         # Where something moved the bounds of two frames may contradict each other: then both are kept.
@@ -253,48 +255,63 @@ class _Reading:
         return ReadReport(*((one * weight).sum(axis=(1, 2)) for one in (self.decoded, saturated, outweighed)))
 
 
+@dataclass(frozen=True, eq=False)
+class _AlikeTiles:
+    """Tiles of one size (rows, columns) with the same frames, by their upper left corners (n, 2)."""
+
+    corners: NDArray[np.intp]
+    shape: tuple[int, int]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Shape of an array with a tile's pixels in each row."""
+        return len(self.corners), self.shape[0] * self.shape[1]
+
+    def gather(self, image: NDArray[Sample], pixels: NDArray[Sample]) -> NDArray[Sample]:
+        """The tiles' pixels, into an array of `size`."""
+        gather_tiles(image, self.corners, pixels.reshape(-1, *self.shape))
+        return pixels
+
+    def gathered(self, image: NDArray[Sample]) -> NDArray[Sample]:
+        """The tiles' pixels in an array of `size`."""
+        return self.gather(image, np.empty(self.size, image.dtype))
+
+    def scatter(self, pixels: NDArray[Sample], image: NDArray[Sample]) -> None:
+        """The contrary of `gather`."""
+        scatter_tiles(pixels.reshape(-1, *self.shape), self.corners, image)
+
+
 def _merge_tiles(
-    merge: Callable[[NDArray[np.intp], list[tuple[slice, slice]]], Radiance], decoded: Tiles, shape: tuple[int, ...]
+    merge: Callable[[NDArray[np.intp], _AlikeTiles], Radiance], decoded: Tiles, shape: tuple[int, ...]
 ) -> Radiance:
     """Merge the tiles that have the same frames in one call each."""
     merged = Radiance(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8))
     for used, tiles in _alike(decoded, shape):
         part = merge(used, tiles)
-        _scatter(merged.value, part.value, tiles)
-        _scatter(merged.variance, part.variance, tiles)
-        _scatter(merged.status, part.status, tiles)
+        tiles.scatter(part.value, merged.value)
+        tiles.scatter(part.variance, merged.variance)
+        tiles.scatter(part.status, merged.status)
     return merged
 
 
-def _alike(decoded: Tiles, shape: tuple[int, ...]) -> Iterator[tuple[NDArray[np.intp], list[tuple[slice, slice]]]]:
+def _alike(decoded: Tiles, shape: tuple[int, ...]) -> Iterator[tuple[NDArray[np.intp], _AlikeTiles]]:
     """Sets of frames with the tiles, of one size, that have them."""
-    groups: dict[tuple[bytes, bool, bool], list[tuple[int, int]]] = {}
-    rows, columns = decoded.shape[1:]
-    for y, x in np.ndindex(rows, columns):
-        edge = (y == rows - 1 and shape[0] % TILE_PX > 0, x == columns - 1 and shape[1] % TILE_PX > 0)
-        groups.setdefault((decoded[:, y, x].tobytes(), *edge), []).append((y, x))
-    for (bits, *_), tiles in groups.items():
-        yield np.flatnonzero(np.frombuffer(bits, np.bool_)), [tile_slices(tile) for tile in tiles]
+    groups: dict[tuple[bytes, tuple[int, int]], list[tuple[int, int]]] = {}
+    for y, x in np.ndindex(decoded.shape[1:]):
+        size = min(TILE_PX, shape[0] - y * TILE_PX), min(TILE_PX, shape[1] - x * TILE_PX)
+        groups.setdefault((decoded[:, y, x].tobytes(), size), []).append((y * TILE_PX, x * TILE_PX))
+    for (bits, size), corners in groups.items():
+        yield np.flatnonzero(np.frombuffer(bits, np.bool_)), _AlikeTiles(np.array(corners, np.intp), size)
 
 
-def _gather(image: NDArray[Sample], tiles: list[tuple[slice, slice]]) -> NDArray[Sample]:
-    """The tiles' pixels, one row each tile's."""
-    return np.stack([image[tile].ravel() for tile in tiles])
-
-
-def _scatter(image: NDArray[Sample], pixels: NDArray[Sample], tiles: list[tuple[slice, slice]]) -> None:
-    for row, tile in zip(pixels, tiles, strict=True):
-        image[tile] = row.reshape(image[tile].shape)
-
-
-def _gathered(correction: PixelCorrection | None, tiles: list[tuple[slice, slice]]) -> PixelCorrection | None:
+def _gathered(correction: PixelCorrection | None, tiles: _AlikeTiles) -> PixelCorrection | None:
     if correction is None:
         return None
     return PixelCorrection(
-        _gather(correction.offset_dn, tiles),
-        _gather(correction.dark_e_s, tiles),
-        _gather(correction.flat, tiles),
-        _gather(correction.hot, tiles),
-        None if correction.dark_variance is None else _gather(correction.dark_variance, tiles),
-        None if correction.flat_variance is None else _gather(correction.flat_variance, tiles),
+        tiles.gathered(correction.offset_dn),
+        tiles.gathered(correction.dark_e_s),
+        tiles.gathered(correction.flat),
+        tiles.gathered(correction.hot),
+        None if correction.dark_variance is None else tiles.gathered(correction.dark_variance),
+        None if correction.flat_variance is None else tiles.gathered(correction.flat_variance),
     )

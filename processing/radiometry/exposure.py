@@ -213,7 +213,8 @@ def _solve(groups: _Groups, stated_s: Array, log_scale: Array, sensor: Sensor) -
     if len(groups.count) == 0:
         return _Fit(np.zeros(frames), np.zeros((frames, frames)), 1.0, 0.0)
     degrees = groups.used.sum(axis=1) - 1
-    limit, middle = chi2.isf(_OUTLIER, degrees), chi2.median(degrees)
+    of_degrees = np.asarray(chi2.isf([[_OUTLIER], [0.5]], np.arange(1, frames)))  # once for each, of many groups
+    limit, middle = of_degrees[:, degrees - 1]
     fit = _Fit(log_scale, np.zeros((frames, frames)), 1.0, 0.0)
     for _ in range(_ITERATIONS):
         share, score, misfit = _scores(groups, stated_s * np.exp(fit.log_scale), sensor.dark_variance_e2)

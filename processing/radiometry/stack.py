@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.radiometry.adaptive import SHARE, Curve, ReadReport, merge_adaptively, survey_patches
+from processing.radiometry.adaptive import Curve, ReadReport, merge_adaptively, survey_patches
 from processing.radiometry.alignment import Alignment, alignment, shift_error
 from processing.radiometry.defects import without_hot_pixels
 from processing.radiometry.exposure import (
@@ -57,14 +57,10 @@ class MergedExposures:
 
 @dataclass(frozen=True, slots=True)
 class MergeOptions:
-    """What of a doubtful stack is taken: times that the frames contradict, a picture that moved between exposures.
-
-    A result changes by less than `share` of its standard deviation for what is not read.
-    """
+    """What of a doubtful stack is taken: times that the frames contradict, a picture that moved between exposures."""
 
     measured_times: bool = False
     moved: bool = False
-    share: float = SHARE
 
 
 DEFAULTS = MergeOptions()
@@ -87,11 +83,6 @@ def merge_stack(exposures: Exposures, options: MergeOptions = DEFAULTS) -> Merge
     if found.worst is not None and found.worst.refused and not options.moved:
         raise shift_error(found.worst, exposures.names)
     merged = merge_adaptively(
-        exposures.frames,
-        times.exposure_s,
-        exposures.sensor,
-        exposures.correction,
-        linear_dn=linear_dn,
-        share=options.share,
+        exposures.frames, times.exposure_s, exposures.sensor, exposures.correction, linear_dn=linear_dn
     )
     return MergedExposures(without_hot_pixels(merged.radiance), times, found, merged.report)

@@ -132,12 +132,12 @@ def test_mapped_files_merge_like_arrays(tmp_path):
     assert one.report.read_ratio == other.report.read_ratio < 1
 
 
-def test_the_survey_is_one_tile_of_so_many_in_all_parts():
-    for shape in ((1920, 2560), (768, 1024), (3000, 4000)):
+def test_the_survey_is_one_tile_of_so_many_in_all_quarters():
+    for shape, pitch in (((1920, 2560), 25), ((768, 1024), SURVEY), ((1000, 1500), SURVEY), ((3000, 4000), 61)):
         picked = survey(shape)
-        assert picked.mean() == pytest.approx(1 / SURVEY, rel=0.25)
+        assert picked.mean() == pytest.approx(1 / pitch, rel=0.25)
         quarters = [half.mean() for rows in np.array_split(picked, 2) for half in np.array_split(rows, 2, axis=1)]
-        assert min(quarters) > 0.4 / SURVEY
+        assert min(quarters) > 0.4 / pitch
     assert survey((5, 7)).tolist() == [[True]]
     assert survey((256, 256)).all()
 
@@ -157,9 +157,9 @@ def test_a_curve_that_makes_counts_linear_comes_first():
 def test_extremes_equal_their_numpy_twin():
     rng = np.random.default_rng(0)
     raw = rng.integers(0, 65536, (150, 100)).astype(np.uint16)
-    tiles = np.argwhere(np.ones((3, 2), bool))
+    corners = np.argwhere(np.ones((3, 2), bool)) * TILE_PX
     for ignored in (np.zeros((0, 0), bool), rng.random(raw.shape) < 0.5, np.ones(raw.shape, bool)):
-        found, expected = (f(raw, tiles, TILE_PX, ignored) for f in (tile_extremes, twin.tile_extremes))
+        found, expected = (f(raw, corners, TILE_PX, ignored) for f in (tile_extremes, twin.tile_extremes))
         np.testing.assert_array_equal(found, expected)
 
 

@@ -25,12 +25,13 @@ Curve = Callable[[NDArray[np.uint16]], NDArray[np.generic]]
 Sample = TypeVar("Sample", bound=np.generic)
 
 SHARE = 0.1  # of its standard deviation by which a result may change: its error grows by half a percent
-TILE_PX = 64
-SURVEY = 12  # one tile of so many is decoded in every frame, for what only the comparison of frames shows;
-SURVEY_TILES = 16, 48  # of small images one of fewer and of large ones one of more, so that there are about so many
+TILE_PX = 32
+PATCH_PX = 64  # of whole tiles
+SURVEY = 12  # one patch of so many is decoded in every frame, for what only the comparison of frames shows;
+SURVEY_PATCHES = 16, 48  # of small images one of fewer and of large ones one of more, so that there are about so many
 _LEVEL_RATIO = 1.1
 _MARGIN = 4.0  # standard deviations by which a tile's extremes may be off
-_PHI = 0.6180339887  # golden section: spreads the surveyed tiles evenly over rows and columns
+_PHI = 0.6180339887  # golden section: spreads the surveyed patches evenly over rows and columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,21 +95,29 @@ def adaptive_read_ratio(raw_dn: NDArray[np.uint16], exposure_s: ArrayLike, senso
 
 
 def survey(shape: tuple[int, ...]) -> Tiles:
-    """Which tiles (rows, columns) of images (h, w) are decoded in every frame, evenly spread."""
+    """Which tiles (rows, columns) of images (h, w) are decoded in every frame: those of evenly spread patches."""
     rows, columns = (-(-size // TILE_PX) for size in shape)
-    least, most = SURVEY_TILES
+    tiles_each = PATCH_PX // TILE_PX
+    return _picked(shape).repeat(tiles_each, axis=0).repeat(tiles_each, axis=1)[:rows, :columns]
+
+
+def survey_patches(frames: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
+    """The surveyed patches of all frames, (k, n, h, w); of images without a whole one, the images."""
+    corners = PATCH_PX * np.argwhere(_picked(frames[0].shape))
+    patches = [(slice(row, row + PATCH_PX), slice(column, column + PATCH_PX)) for row, column in corners]
+    whole = [patch for patch in patches if frames[0][patch].shape == (PATCH_PX, PATCH_PX)]
+    return np.stack([[frame[patch] for patch in whole or [(slice(None), slice(None))]] for frame in frames])
+
+
+def _picked(shape: tuple[int, ...]) -> Tiles:
+    """Which patches, by row and column of patches, are surveyed."""
+    rows, columns = (-(-size // PATCH_PX) for size in shape)
+    least, most = SURVEY_PATCHES
     pitch = max(min(rows * columns / least, SURVEY), rows * columns / most, 1.0)
     number = np.arange(rows)[:, None] * _PHI + np.arange(columns) / pitch
     picked = (number + 0.5 / pitch) % 1.0 < 1 / pitch
     picked[rows // 2, columns // 2] = True
     return picked
-
-
-def survey_patches(frames: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
-    """The surveyed tiles of all frames, (k, n, h, w); of images without a whole one, the images."""
-    tiles = [tile_slices((y, x)) for y, x in np.argwhere(survey(frames[0].shape))]
-    whole = [tile for tile in tiles if frames[0][tile].shape == (TILE_PX, TILE_PX)]
-    return np.stack([[frame[tile] for tile in whole or [(slice(None), slice(None))]] for frame in frames])
 
 
 def tile_slices(tile: tuple[int, int]) -> tuple[slice, slice]:

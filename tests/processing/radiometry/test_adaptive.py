@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from processing.errors import ImageError
 from processing.formats.raw import map_raw
 from processing.radiometry.adaptive import (
+    PATCH_PX,
     SHARE,
     SURVEY,
     TILE_PX,
@@ -81,11 +82,11 @@ def test_variances_are_those_of_what_was_read(scene):
 
 
 def test_bright_regions_do_not_need_long_exposures_and_dark_ones_no_short():
-    radiance = np.full((16 * TILE_PX, 16 * TILE_PX), 20.0)
-    radiance[:, 8 * TILE_PX :] = 2e5
+    radiance = np.full((16 * PATCH_PX, 16 * PATCH_PX), 20.0)
+    radiance[:, 8 * PATCH_PX :] = 2e5
     raw = photograph(radiance, EXPOSURE_S, np.random.default_rng(0))
     report = merge_adaptively(list(raw), EXPOSURE_S, SENSOR).report
-    assert report.saturated[4] > 0.4  # of the 0.5 that is bright; one tile of `SURVEY` is read all the same
+    assert report.saturated[4] > 0.4  # of the 0.5 that is bright; one patch of `SURVEY` is read all the same
     assert report.outweighed[0] > 0.4
     # Four of five frames in the dark half, three in the bright one: the first, and two that resolve it; and the survey.
     assert report.read_ratio < 0.7 + 0.3 / SURVEY + 0.02
@@ -94,7 +95,7 @@ def test_bright_regions_do_not_need_long_exposures_and_dark_ones_no_short():
 
 def test_hot_pixels_do_not_make_a_dark_tile_bright():
     rng = np.random.default_rng(0)
-    radiance = np.full((12 * TILE_PX, 12 * TILE_PX), 20.0)
+    radiance = np.full((12 * PATCH_PX, 12 * PATCH_PX), 20.0)
     hot = rng.random(radiance.shape) < 1e-3
     raw = photograph(np.where(hot, 3e5, radiance), EXPOSURE_S, rng)
     flat, none = np.ones(hot.shape, np.float32), np.zeros(hot.shape, np.float32)
@@ -132,7 +133,7 @@ def test_mapped_files_merge_like_arrays(tmp_path):
     assert one.report.read_ratio == other.report.read_ratio < 1
 
 
-def test_the_survey_is_one_tile_of_so_many_in_all_quarters():
+def test_the_survey_is_one_patch_of_so_many_in_all_quarters():
     for shape, pitch in (((1920, 2560), 25), ((768, 1024), SURVEY), ((1000, 1500), SURVEY), ((3000, 4000), 61)):
         picked = survey(shape)
         assert picked.mean() == pytest.approx(1 / pitch, rel=0.25)

@@ -71,16 +71,18 @@ def _exposures(times: NDArray[np.float64], sensor: Sensor) -> merge_kernel.Expos
 
 def _levels(times: NDArray[np.float64], sensor: Sensor) -> merge_kernel.Levels:
     gain = sensor.gain_e_per_dn
-    numbers = (sensor.black_dn, sensor.white_dn, 1 / gain, sensor.dark_variance_e2 / gain**2, gain / times.max())
-    return merge_kernel.Levels(*map(np.float32, numbers))
+    levels = (sensor.black_dn, sensor.white_dn, sensor.white_dn - 0.5)
+    noise = (1 / gain, sensor.dark_variance_e2 / gain**2)
+    return merge_kernel.Levels(*map(np.float32, (*levels, *noise, gain / times.max())))
 
 
 def _maps(correction: PixelCorrection) -> merge_kernel.PixelMaps:
     """Maps as the kernel reads them; a variance that is not known counts as none."""
     floats = (correction.offset_dn, correction.dark_e_s, correction.flat)
     offset, dark, flat = (np.ascontiguousarray(m, np.float32).reshape(-1) for m in floats)
+    none = np.zeros(merge_kernel.BLOCK_PX, np.float32)
     variances = (
-        np.zeros(flat.size, np.float32) if m is None else np.ascontiguousarray(m, np.float32).reshape(-1)
+        none if m is None else np.ascontiguousarray(m, np.float32).reshape(-1)
         for m in (correction.dark_variance, correction.flat_variance)
     )
     return merge_kernel.PixelMaps(offset, dark, flat, np.ascontiguousarray(correction.hot).reshape(-1), *variances)

@@ -47,7 +47,6 @@ _AFTERGLOW = np.float32(_HAZARD_FROM**2)
 _REORDER = {"contract", "arcp", "reassoc", "nsz", "afn"}
 
 Float32 = NDArray[np.float32]
-Sums = tuple[Float32, Float32]
 _Loop = TypeVar("_Loop", bound=Callable[..., object])
 
 
@@ -70,17 +69,18 @@ class Exposures(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The sensor in counts: black, white, eps, d; and electrons per second of one count per longest exposure."""
+    """The sensor in counts: black, white, the least that rounds to white, eps, d; and e-/s of a count per longest."""
 
     black: np.float32
     white: np.float32
+    ceiling: np.float32
     per_electron: np.float32
     dark_variance: np.float32
     scale: np.float32
 
 
 class PixelMaps(NamedTuple):
-    """What differs from pixel to pixel, each (n,); see `sensor.PixelCorrection`."""
+    """What differs from pixel to pixel, each (n,), the variances perhaps of one block; see `sensor.PixelCorrection`."""
 
     offset_dn: Float32
     dark_e_s: Float32
@@ -88,6 +88,19 @@ class PixelMaps(NamedTuple):
     hot: NDArray[np.bool_]
     dark_variance: Float32
     flat_variance: Float32
+
+
+class Block(NamedTuple):
+    """What the loops hand to each other about the pixels of a block, each (n,).
+
+    Rate and information, the weighted sum of counts, the share of the shortest saturated exposure (0: none), black.
+    """
+
+    rate: Float32
+    information: Float32
+    counts: Float32
+    clipped: Float32
+    black: Float32
 
 
 class Merged(NamedTuple):
@@ -99,47 +112,44 @@ class Merged(NamedTuple):
 
 
 @_vector
-def _read(dn: NDArray[np.generic], share: np.float32, levels: Levels, sample: Float32, clipped: Float32) -> None:
-    """Counts above black; `clipped` becomes the share of the last, which is the shortest, saturated exposure."""
-    for x in range(sample.size):
-        count = np.float32(dn[x])
-        below = count < levels.white
-        saturated = count >= levels.white  # not the contrary for NaN
-        number = count - levels.black if below and count > -np.inf else _ABSENT
-        sample[x] = _CLIPPED if saturated else number
-        clipped[x] = share if saturated else clipped[x]
+def _black_levels(levels: Levels, maps: PixelMaps, black: Float32) -> None:
+    """Black level with the fixed pattern; the pattern of hot pixels, which may not be finite, is left out."""
+    for x in range(black.size):
+        black[x] = levels.black + (_ZERO if maps.hot[x] else maps.offset_dn[x])
 
 
 @_vector
-def _level(sample: Float32, offset_dn: Float32, hot: NDArray[np.bool_]) -> None:
-    """Take out the fixed pattern, and hot pixels altogether; what is no count stays none."""
+def _read(dn: NDArray[np.generic], share: np.float32, white: np.float32, block: Block, sample: Float32) -> None:
+    """Counts above black of one exposure; notes its share of time where it is saturated, the shortest coming last."""
     for x in range(sample.size):
-        level = sample[x] if sample[x] > _NO_COUNT else sample[x] - offset_dn[x]
-        sample[x] = _ABSENT if hot[x] else level
+        count = np.float32(dn[x])
+        below = count < white
+        saturated = count >= white  # not the contrary for NaN
+        number = count - block.black[x] if below and count > -np.inf else _ABSENT
+        sample[x] = _CLIPPED if saturated else number
+        block.clipped[x] = share if saturated else block.clipped[x]
 
 
 @_vector_finite
-def _weigh(sample: Float32, share: np.float32, floor: np.float32, shot: Float32, sums: Sums) -> None:
-    """Add one exposure to the weighted sums of a block, at a shot noise of `shot` per share of time."""
-    counts, information = sums
+def _weigh(sample: Float32, share: np.float32, floor: np.float32, shot: Float32, block: Block) -> None:
+    """Add one exposure to the weighted sums, at a shot noise of `shot` per share of time."""
     for x in range(sample.size):
         weight = _ONE / (shot[x] + floor)
         weight = weight if sample[x] < _NO_COUNT else _ZERO
-        counts[x] += weight * sample[x]
-        information[x] += weight * share
+        block.counts[x] += weight * sample[x]
+        block.information[x] += weight * share
 
 
 @_vector_finite
-def _advance(rate: Float32, shot: Float32, sums: Sums, levels: Levels) -> bool:
+def _advance(shot: Float32, block: Block, levels: Levels) -> bool:
     """Take the weighted means as rates; says whether the variance of any sample changed by over the tolerance.
 
     Weights that have settled stay, so that a pixel's result depends on none of its block's other pixels.
     """
-    counts, information = sums
     unsettled = False
-    for x in range(rate.size):
-        rate[x] = counts[x] / max(information[x], _TINY)
-        noise = levels.per_electron * max(rate[x], _ZERO)
+    for x in range(shot.size):
+        block.rate[x] = block.counts[x] / max(block.information[x], _TINY)
+        noise = levels.per_electron * max(block.rate[x], _ZERO)
         moves = abs(noise - shot[x]) > TOLERANCE * (noise + levels.dark_variance)
         shot[x] = noise if moves else shot[x]
         unsettled |= moves
@@ -147,31 +157,28 @@ def _advance(rate: Float32, shot: Float32, sums: Sums, levels: Levels) -> bool:
 
 
 @njit(error_model="numpy")
-def _solve(sample: Float32, exposures: Exposures, levels: Levels, rate: Float32, sums: Sums) -> None:
-    """Maximum-likelihood rate of a block whose samples (k, n) count where they are numbers; starts in the dark."""
-    counts, information = sums
-    shot = np.zeros_like(rate)
+def _solve(sample: Float32, exposures: Exposures, levels: Levels, block: Block) -> None:
+    """Maximum-likelihood rates of samples (k, n), those that are numbers; starts in the dark."""
+    shot = np.zeros(sample.shape[1], np.float32)
     for _ in range(STEPS):
-        counts[:] = _ZERO
-        information[:] = _ZERO
+        block.counts[:] = _ZERO
+        block.information[:] = _ZERO
         for i in range(len(sample)):
-            _weigh(sample[i], exposures.share[i], exposures.floor[i], shot, sums)
-        if not _advance(rate, shot, sums, levels):
+            _weigh(sample[i], exposures.share[i], exposures.floor[i], shot, block)
+        if not _advance(shot, block, levels):
             break
 
 
 @_vector_finite
-def _afterglow(
-    rate: Float32, information: Float32, clipped: Float32, ceiling: Float32, levels: Levels, pulled: NDArray[np.bool_]
-) -> bool:
+def _afterglow(block: Block, levels: Levels, pulled: NDArray[np.bool_]) -> bool:
     """Mark the pixels whose shortest saturated exposure does not lie clearly above saturation, and so has a say."""
     some = False
-    for x in range(rate.size):
-        mean = rate[x] * clipped[x]
-        above = mean - ceiling[x]
+    for x in range(pulled.size):
+        mean = block.rate[x] * block.clipped[x]
+        above = mean + block.black[x] - levels.ceiling
         variance = levels.per_electron * max(mean, _ZERO) + levels.dark_variance
         unsure = (above < _ZERO) | (above * above < _AFTERGLOW * variance)
-        pulled[x] = unsure & (clipped[x] > _ZERO) & (information[x] > _ZERO)
+        pulled[x] = unsure & (block.clipped[x] > _ZERO) & (block.information[x] > _ZERO)
         some |= pulled[x]
     return some
 
@@ -229,16 +236,16 @@ def _solve_censored(
 
 
 @_vector
-def _finish(rate: Float32, information: Float32, clipped: Float32, scale: np.float32, out: Merged) -> None:
+def _finish(block: Block, scale: np.float32, out: Merged) -> None:
     """From counts per longest exposure to electrons per second, with the reason where nothing is known."""
-    for x in range(rate.size):
-        known = information[x] > _ZERO
-        value = rate[x] * scale
-        variance = scale * scale / information[x]
+    for x in range(out.value.size):
+        known = block.information[x] > _ZERO
+        value = block.rate[x] * scale
+        variance = scale * scale / block.information[x]
         out.value[x] = value if known else np.float32(np.nan)
         out.variance[x] = variance if known else np.float32(np.nan)
         measured = np.uint8(DARK) if value < np.float32(3) * np.sqrt(variance) else np.uint8(OK)
-        blind = np.uint8(SATURATED) if clipped[x] > _ZERO else np.uint8(MISSING)
+        blind = np.uint8(SATURATED) if block.clipped[x] > _ZERO else np.uint8(MISSING)
         out.status[x] = measured if known else blind
 
 
@@ -262,28 +269,26 @@ def merge_pixels(
 ) -> None:
     """Merge the pixels of a stack (k, n) into `out`, each frame read once; see `hdr.merge_exposures`."""
     frames, pixels = raw_dn.shape
-    blocks = (pixels + BLOCK_PX - 1) // BLOCK_PX
-    for block in prange(blocks):
-        first = block * BLOCK_PX
+    for number in prange((pixels + BLOCK_PX - 1) // BLOCK_PX):
+        first = number * BLOCK_PX
         last = min(first + BLOCK_PX, pixels)
-        n = last - first
-        sample = np.empty((frames, n), np.float32)
-        work = np.zeros((5, n), np.float32)
-        rate, counts, information, clipped, ceiling = work[0], work[1], work[2], work[3], work[4]
-        ceiling[:] = levels.white - np.float32(0.5) - levels.black
-        for i in range(frames):
-            _read(raw_dn[exposures.place[i], first:last], exposures.share[i], levels, sample[i], clipped)
-            if maps is not None:
-                _level(sample[i], maps.offset_dn[first:last], maps.hot[first:last])
+        sample = np.empty((frames, last - first), np.float32)
+        work = np.zeros((5, last - first), np.float32)
+        block = Block(work[0], work[1], work[2], work[3], work[4])
+        block.black[:] = levels.black
         if maps is not None:
-            ceiling -= maps.offset_dn[first:last]
-        _solve(sample, exposures, levels, rate, (counts, information))
-        pulled = np.empty(n, np.bool_)
-        if _afterglow(rate, information, clipped, ceiling, levels, pulled):
+            _black_levels(levels, _part(maps, first, last), block.black)
+        for i in range(frames):
+            _read(raw_dn[exposures.place[i], first:last], exposures.share[i], levels.white, block, sample[i])
+        _solve(sample, exposures, levels, block)
+        pulled = np.empty(last - first, np.bool_)
+        if _afterglow(block, levels, pulled):
             for x in np.flatnonzero(pulled):
-                rate[x], information[x] = _solve_censored(sample[:, x], exposures, levels, ceiling[x], rate[x])
+                ceiling = levels.ceiling - block.black[x]
+                solution = _solve_censored(sample[:, x], exposures, levels, ceiling, block.rate[x])
+                block.rate[x], block.information[x] = solution
         part = Merged(out.value[first:last], out.variance[first:last], out.status[first:last])
-        _finish(rate, information, clipped, levels.scale, part)
+        _finish(block, levels.scale, part)
         if maps is not None:
             _correct(_part(maps, first, last), part)
 
@@ -295,6 +300,12 @@ def _part(maps: PixelMaps, first: int, last: int) -> PixelMaps:
         maps.dark_e_s[first:last],
         maps.flat[first:last],
         maps.hot[first:last],
-        maps.dark_variance[first:last],
-        maps.flat_variance[first:last],
+        _repeated(maps.dark_variance, first, last),
+        _repeated(maps.flat_variance, first, last),
     )
+
+
+@njit(error_model="numpy")
+def _repeated(numbers: Float32, first: int, last: int) -> Float32:
+    """A map's part; a map of one block only holds for every block."""
+    return numbers[first:last] if numbers.size >= last else numbers[: last - first]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
+from math import degrees
 from pathlib import Path
 from typing import TypeVar
 
@@ -123,7 +124,7 @@ def _stages(out: Path, captured: Captured, simulation: Simulation, watch: Stopwa
     sessions = captured.sessions
     return [
         _capture_stage(captured, watch),
-        _calibration_stage(sessions["calibrate"], watch),
+        _calibration_stage(sessions["calibrate"], simulation, watch),
         _hdr_stage(sessions["srf"], simulation, watch),
         _srf_stage(out, sessions["srf"], simulation, watch),
         _btf_stage(out, sessions, simulation, watch),
@@ -150,14 +151,22 @@ def _capture_stage(captured: Captured, watch: Stopwatch) -> Stage:
     )
 
 
-def _calibration_stage(session: Session, watch: Stopwatch) -> Stage:
-    worst_px = max(camera.rms_px for camera in load_calibrations([session.folder]).cameras.values())
+def _calibration_stage(session: Session, simulation: Simulation, watch: Stopwatch) -> Stage:
+    calibrations = load_calibrations([session.folder])
+    worst_px = max(camera.rms_px for camera in calibrations.cameras.values())
+    errors = watch.time("truth", lambda: truth.calibration_errors(session, calibrations, simulation))
     return Stage(
         "Calibration",
-        "Every camera of the arc from the ChArUco board in several poses, the first of which is the reference plane.",
+        "Cameras of the arc and the turntable's axis in one adjustment, from a ChArUco board in several poses, one of "
+        "which the turntable turns.",
         watch.wall_s["process calibrate"],
         None,
-        (Measure("calibration_rms_px", worst_px, "px", "corners found less predicted, the worst camera's RMS"),),
+        (
+            Measure("calibration_rms_px", worst_px, "px", "corners found less predicted, the worst camera's RMS"),
+            Measure("axis_error_deg", degrees(errors.axis_rad), "deg", "turntable's axis against the true one"),
+            Measure("pose_error_um", errors.sample_m.rms * 1e6, "um", "sample points as cameras place them, RMS error"),
+        ),
+        demo_pictures.calibration(session),
     )
 
 

@@ -11,6 +11,8 @@ from render.errors import GlUnavailableError
 from render.showcase import Gallery, scenes, write_showcase
 from rig.sessions import Session
 from service.pictures import frame_png, save_colour_panels, save_panels
+from service.pipeline.calibration import NETWORK, RESIDUALS
+from service.pipeline.calibrations import CALIBRATION
 from service.report import Picture
 from service.truth import BtfErrors, MdfErrors, SrfErrors
 
@@ -44,6 +46,15 @@ def frames(sessions: dict[str, Session]) -> tuple[Picture, ...]:
         path.write_bytes(frame_png(record.path))
         pictures.append(Picture(path, f"{kind}: {record.camera}, step {record.step.id}"))
     return tuple(pictures)
+
+
+def calibration(session: Session) -> tuple[Picture, ...]:
+    """The pictures of the calibration's own product."""
+    folder = session.products / CALIBRATION
+    return (
+        Picture(folder / NETWORK, "Cameras, boards and the turntable's axis, from above and from the side"),
+        Picture(folder / RESIDUALS, "Corners: predicted less found, all cameras enlarged alike"),
+    )
 
 
 def srf(out: Path, errors: SrfErrors) -> tuple[Picture, ...]:

@@ -10,12 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from processing import geometry
+from processing.cameras.calibration import CameraModel
+from processing.cameras.lens import Pinhole
 from processing.products import Btf, FactoredBtf, Mdf, ReflectanceMaps, Srf, sphere_normals, tangent_frames
+from processing.products.provenance import read_description
 from processing.products.sphere import gradient_grid
 from processing.radiometry.hdr import PixelStatus
 from rig.sessions import MdfPlan, Session, SrfPlan, Step
 from service.pipeline.btf import btf_layout
-from service.pipeline.calibrations import Calibrations
+from service.pipeline.calibrations import CALIBRATION, Calibrations
 from service.pipeline.stacks import MergedStack, stacks
 from service.simulation import Simulation
 
@@ -38,6 +42,32 @@ class Distribution:
         if size.size == 0:
             return cls(*[float("nan")] * 4)
         return cls(float(np.sqrt((size**2).mean())), *map(float, np.percentile(size, (50, 95, 100))))
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationErrors:
+    """Calibrated cameras and axis against the true ones."""
+
+    axis_rad: float  # between true and found axis, seen from the board; NaN where none was found
+    sample_m: Distribution  # on the reference plane: where a camera sees a point of the sample, less where it is
+
+
+def calibration_errors(session: Session, calibrations: Calibrations, simulation: Simulation) -> CalibrationErrors:
+    """Of every camera over the sample's opening, and of the axis."""
+    content, _ = read_description(session.products / CALIBRATION, "calibration")
+    level = {"sample": "charuco", "pose": 0, "turntable_deg": 0.0}
+    board = np.asarray(simulation.request("truth", what="board", at=level)["board"]["rig_from_board"])
+    found = content["axis"]
+    axis_rad = np.nan if found is None else np.linalg.norm(np.cross(found["direction_in_board"], board[2, :3]))
+    true = simulation.request("truth", what="cameras")["cameras"]
+    sample = geometry.texel_grid(9, session.config.holder.sample_mm / 1e3)
+    errors = []
+    for name, camera in calibrations.cameras.items():
+        lens = Pinhole(np.asarray(true[name]["matrix"]), np.asarray([*true[name]["distortion"], 0, 0, 0]))
+        uv_px = CameraModel(lens, np.asarray(true[name]["rig_from_camera"]), camera.size).project(sample)
+        met = geometry.intersect_plane(camera.centre_m, camera.rays(uv_px), (0, 0, 1), 0.0)
+        errors.append(np.linalg.norm(met - sample, axis=-1))
+    return CalibrationErrors(float(axis_rad), Distribution.of(np.stack(errors)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,8 +115,9 @@ def _posed(pose: Pose, at: Mapping[str, Any]) -> Pose:
         "arm_deg": "arm_rad",
         "laser_elevation_deg": "laser_elevation_rad",
     }
-    unknown = set(at) - {*fields, "sample"}
+    unknown = set(at) - {*fields, "sample", "pose"}
     if unknown:
-        raise ControlError(f"at: {sorted(unknown)[0]!r} is none of sample, {', '.join(fields)}")
+        raise ControlError(f"at: {sorted(unknown)[0]!r} is none of sample, pose, {', '.join(fields)}")
     angles: dict[str, Any] = {field: radians(float(at[name])) for name, field in fields.items() if name in at}
-    return replace(pose, sample=str(at.get("sample", pose.sample)), **angles)
+    board_pose = int(at.get("pose", pose.board_pose))
+    return replace(pose, sample=str(at.get("sample", pose.sample)), board_pose=board_pose, **angles)

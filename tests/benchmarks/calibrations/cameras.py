@@ -38,7 +38,7 @@ Value = TypeVar("Value")
 def run(*, quick: bool) -> Result:
     """All figures of cameras and axis; quick with fewer seeds, and with three cameras of the arc for the frames."""
     names = [f"cam{i}" for i in ((1, 4, 7) if quick else range(8))]
-    return joined([synthetic(5 if quick else 40), frames(names), bouguet()])
+    return joined([synthetic(3 if quick else 20), frames(names), bouguet()])
 
 
 def synthetic(seeds: int) -> Result:

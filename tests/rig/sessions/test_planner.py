@@ -252,6 +252,14 @@ def test_a_move_takes_what_its_ramps_take():
     assert motion_time_s(here, here, CONFIG) == 0
 
 
+def test_the_board_of_pose_zero_is_turned():
+    """At every angle but the one at which all poses are taken anyway, without another mounting."""
+    steps = steps_of(changed("calibrate", turntable_deg=[90, 0, -120]))
+    shots = [(step.mount["pose"], round(degrees(step.axes_rad["turntable"]))) for step in steps]
+    assert sorted(shots) == [(0, -120), (0, 0), (0, 90), (1, 0), (2, 0)]
+    assert [pose for pose, _ in shots] == [0, 0, 0, 1, 2]
+
+
 def test_a_dry_run_names_everything_of_a_step():
     line = describe(steps_of(PLANS["mdf"])[0])
     for word in ("light_arc", "laser sweep", "0.0200 s", "cam0, cam1", "laser_elevation_deg=35"):

@@ -325,6 +325,7 @@ def _assembled(
         "saturation_dn": Measured(flats.saturation_dn, 0.0 if flats.reached else float("nan")),
         "full_well_e": full_well,
         "offset_spread_dn": Measured(dark.offset.deviation, dark.offset.sigma),
+        "offset_left_dn": Measured(float(np.sqrt(dark.offset.variance[dark.sound].mean())), 0.0),
         "response_spread": Measured(flat.deviation, flat.sigma),
         "nonlinearity": Measured((white - black) / (flats.saturation_dn - black) - 1, curve.deviation),
         "light_drift_per_s": drift,

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,13 +39,15 @@ class SensorCalibration:
 
     @property
     def sensor(self) -> Sensor:
-        """The noise model of linear counts."""
-        return self.measurement.sensor
+        """The noise model of linear counts without the pixels' offsets: read noise, and what is left of those."""
+        sensor, left_dn = self.measurement.sensor, self.measurement.figures["offset_left_dn"].value
+        noise_e = float(np.hypot(sensor.read_noise_e, sensor.gain_e_per_dn * left_dn))
+        return replace(sensor, read_noise_e=noise_e)
 
     @property
     def counted_sensor(self) -> Sensor:
         """The noise model of counts as they are read, for what does not go through `linear_dn`."""
-        sensor, saturation = self.sensor, self.measurement.figures["saturation_dn"].value
+        sensor, saturation = self.measurement.sensor, self.measurement.figures["saturation_dn"].value
         return Sensor(sensor.black_dn, saturation, sensor.gain_e_per_dn, sensor.read_noise_e)
 
     @property

@@ -145,6 +145,19 @@ def test_a_measured_sensor_merges_to_the_truth_within_its_variance():
     assert np.nanmean(((raw.value - wedge)[clear] / np.sqrt(merged.variance[clear])) ** 2) > 2
 
 
+@pytest.mark.parametrize("rate_e_s", [1.0, 10.0, 100.0])
+def test_the_variance_in_the_dark_holds_what_is_not_known_of_the_maps(rate_e_s):
+    """Sixteen dark frames know a pixel's black level to a quarter of its noise, alike in all exposures of a stack."""
+    camera, times = Camera(3, (120, 160)), (0.02, 0.06, 0.2, 0.6, 2.0)
+    calibration = SensorCalibration("VC", "", 100, camera.stated, measured(camera))
+    frames = [camera.frame(t, rate_e_s * camera.flat, ("dim", k)).raw_dn for k, t in enumerate(times)]
+    counts = calibration.linear_dn(np.stack(frames))
+    merged = merge_exposures(counts, times, calibration.sensor, calibration.correction)
+    assert np.nanvar(merged.value) / np.nanmean(merged.variance) == pytest.approx(1, abs=0.07)
+    # The mean dark current's own 0.01 and black's, and the gain's 0.4 %.
+    assert abs(np.nanmean(merged.value) - rate_e_s) < 0.05 + 0.005 * rate_e_s
+
+
 @pytest.mark.parametrize(
     ("model", "gain"),
     [

@@ -51,7 +51,9 @@ def test_any_stack_is_merged_like_the_whole_by_the_stated_times(name):
     np.testing.assert_array_equal(found.times.exposure_s, times)
     assert all(shift.status != ShiftStatus.SHIFTED for shift in found.alignment.shifts)
     whole = merge_exposures(raw, times, SENSOR)
-    np.testing.assert_array_equal(np.isnan(found.radiance.value), np.isnan(whole.value))
+    hot = found.radiance.status == PixelStatus.HOT  # what sticks out of white noise may look so
+    assert hot.mean() < 1e-3
+    np.testing.assert_array_equal(np.isnan(found.radiance.value), np.isnan(whole.value) | hot)
     assert max((rms for rms, _ in rms_by_tile(found.radiance, whole)), default=0.0) < 1.2 * SHARE
 
 
@@ -91,4 +93,5 @@ def test_frames_of_the_simulated_rig_are_consistent_and_read_in_part(tmp_path):
     for rms, pixels in rms_by_tile(found.radiance, whole):
         assert rms < SHARE * (1 + 5 / np.sqrt(2 * pixels)) + 0.01
     saturated = whole.status == PixelStatus.SATURATED
-    np.testing.assert_array_equal(found.radiance.status == PixelStatus.SATURATED, saturated)
+    hot = found.radiance.status == PixelStatus.HOT
+    np.testing.assert_array_equal((found.radiance.status == PixelStatus.SATURATED)[~hot], saturated[~hot])

@@ -89,11 +89,6 @@ def merge_adaptively(
     return AdaptiveMerge(_merge_tiles(merge, reading.decoded, frames[0].shape), reading.report())
 
 
-def adaptive_read_ratio(raw_dn: NDArray[np.uint16], exposure_s: ArrayLike, sensor: Sensor) -> float:
-    """Bytes decoded over bytes of all, for a stack (k, h, w), at the default share: the figure of `rig bench hdr`."""
-    return merge_adaptively(list(raw_dn), exposure_s, sensor).report.read_ratio
-
-
 def survey(shape: tuple[int, ...]) -> Tiles:
     """Which tiles (rows, columns) of images (h, w) are decoded in every frame: those of evenly spread patches."""
     rows, columns = (-(-size // TILE_PX) for size in shape)

@@ -263,36 +263,6 @@ def _correct(maps: PixelMaps, out: Merged) -> None:
         out.status[x] = np.uint8(HOT) if maps.hot[x] else status
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def merge_pixels(
-    raw_dn: NDArray[np.generic], exposures: Exposures, levels: Levels, maps: PixelMaps | None, out: Merged
-) -> None:
-    """Merge the pixels of a stack (k, n) into `out`, each frame read once; see `hdr.merge_exposures`."""
-    frames, pixels = raw_dn.shape
-    for number in prange((pixels + BLOCK_PX - 1) // BLOCK_PX):
-        first = number * BLOCK_PX
-        last = min(first + BLOCK_PX, pixels)
-        sample = np.empty((frames, last - first), np.float32)
-        work = np.zeros((5, last - first), np.float32)
-        block = Block(work[0], work[1], work[2], work[3], work[4])
-        block.black[:] = levels.black
-        if maps is not None:
-            _black_levels(levels, _part(maps, first, last), block.black)
-        for i in range(frames):
-            _read(raw_dn[exposures.place[i], first:last], exposures.share[i], levels.white, block, sample[i])
-        _solve(sample, exposures, levels, block)
-        pulled = np.empty(last - first, np.bool_)
-        if _afterglow(block, levels, pulled):
-            for x in np.flatnonzero(pulled):
-                ceiling = levels.ceiling - block.black[x]
-                solution = _solve_censored(sample[:, x], exposures, levels, ceiling, block.rate[x])
-                block.rate[x], block.information[x] = solution
-        part = Merged(out.value[first:last], out.variance[first:last], out.status[first:last])
-        _finish(block, levels.scale, part)
-        if maps is not None:
-            _correct(_part(maps, first, last), part)
-
-
 @njit(error_model="numpy")
 def _part(maps: PixelMaps, first: int, last: int) -> PixelMaps:
     return PixelMaps(
@@ -309,3 +279,60 @@ def _part(maps: PixelMaps, first: int, last: int) -> PixelMaps:
 def _repeated(numbers: Float32, first: int, last: int) -> Float32:
     """A map's part; a map of one block only holds for every block."""
     return numbers[first:last] if numbers.size >= last else numbers[: last - first]
+
+
+@njit(error_model="numpy")
+def _solve_pulled(
+    sample: Float32, exposures: Exposures, levels: Levels, block: Block, pulled: NDArray[np.bool_]
+) -> None:
+    """Solve the marked pixels again, with what their saturated samples say."""
+    for x in np.flatnonzero(pulled):
+        ceiling = levels.ceiling - block.black[x]
+        solution = _solve_censored(sample[:, x], exposures, levels, ceiling, block.rate[x])
+        block.rate[x], block.information[x] = solution
+
+
+@njit(error_model="numpy")
+def _merge_block(
+    raw_dn: NDArray[np.generic],
+    first: int,
+    exposures: Exposures,
+    levels: Levels,
+    maps: PixelMaps | None,
+    out: Merged,
+) -> None:
+    """Merge the pixels from `first` on, as many as `out` takes; `maps` are theirs."""
+    frames, n = len(raw_dn), out.value.size
+    sample = np.empty((frames, n), np.float32)
+    pulled = np.empty(n, np.bool_)
+    work = np.zeros((5, n), np.float32)
+    block = Block(work[0], work[1], work[2], work[3], work[4])
+    if maps is None:
+        block.black[:] = levels.black
+    else:
+        _black_levels(levels, maps, block.black)
+    for i in range(frames):
+        dn = raw_dn[exposures.place[i], first : first + n]
+        _read(dn, exposures.share[i], levels.white, block, sample[i])
+    _solve(sample, exposures, levels, block)
+    if _afterglow(block, levels, pulled):
+        _solve_pulled(sample, exposures, levels, block, pulled)
+    _finish(block, levels.scale, out)
+    if maps is not None:
+        _correct(maps, out)
+
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def merge_pixels(
+    raw_dn: NDArray[np.generic], exposures: Exposures, levels: Levels, maps: PixelMaps | None, out: Merged
+) -> None:
+    """Merge the pixels of a stack (k, n) into `out`, each frame read once; see `hdr.merge_exposures`."""
+    pixels = raw_dn.shape[1]
+    for number in prange((pixels + BLOCK_PX - 1) // BLOCK_PX):
+        first = number * BLOCK_PX
+        last = min(first + BLOCK_PX, pixels)
+        part = Merged(out.value[first:last], out.variance[first:last], out.status[first:last])
+        if maps is None:
+            _merge_block(raw_dn, first, exposures, levels, None, part)
+        else:
+            _merge_block(raw_dn, first, exposures, levels, _part(maps, first, last), part)

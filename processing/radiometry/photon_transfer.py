@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import CalibrationError, ImageError
-from processing.radiometry.frame_series import Frame, Levels, Mask, Series, gather, levels, phase_sum
+from processing.radiometry.frame_series import PHASES, Frame, Levels, Mask, Series, gather, levels, phase_sum
 from processing.radiometry.light_drift import corrected_s, light_drift
 from processing.radiometry.linearity import Linearity, LinearityFit, fit_linearity
 from processing.radiometry.pixel_maps import HOT_E_S, DarkSums, FlatSums, Spread, flat_map, offset_map, shrunk
@@ -138,7 +138,7 @@ def _not_hot(longest: Series, stated: Sensor) -> Mask:
 
 def _check_capped(slope_dn_s: Array, sound: Mask, gain: float) -> None:
     """Dark current is alike behind all filters; light is not, nor is it behind a lens."""
-    parts = [slope_dn_s[r::2, c::2][sound[r::2, c::2]] for r, c in ((0, 0), (0, 1), (1, 0), (1, 1))]
+    parts = [slope_dn_s[r::2, c::2][sound[r::2, c::2]] for r, c in PHASES]
     if min(part.size for part in parts) == 0:
         raise CalibrationError("dark frames that are bright everywhere: is the cap on the lens?")
     means = np.array([part.mean() for part in parts])
@@ -296,34 +296,28 @@ def _check_channels(rows: Array, variance: Array, weight: Array, phase: NDArray[
 def _assembled(
     dark: _Dark, flats: _Flats, light_s: Array, drift: Measured, curve: LinearityFit, ptc: _TransferFit
 ) -> SensorMeasurement:
-    gain, linearity = ptc.gain.value, curve.linearity
-    noise_dn2 = float(np.mean([one.variance_dn2.mean() for one in dark.levels]))
-    black_dn = dark.black_dn.value + dark.offset.values
-    rates = flats.sums.rates(light_s, black_dn, linearity, curve.rate_dn_s)
-    variance = rates.relative_variance(gain, noise_dn2, dark.offset.variance)
+    gain, linearity, black = ptc.gain, curve.linearity, dark.black_dn.value
     current = float(dark.slope_dn_s[dark.sound].mean())
     uneven = shrunk(dark.slope_dn_s - current, dark.slope_noise_dn2, dark.sound)
-    flat, sound = flat_map(rates.rate_dn_s - current, variance, dark.sound)
+    flat, sound = _flat(dark, flats, light_s, curve, gain.value)
+    white = black + float(linearity.linear_dn(flats.saturation_dn - black))
+    sensor = Sensor(black, float(np.float32(white)), gain.value, ptc.read_noise_e.value)
     correction = PixelCorrection(
         offset_dn=dark.offset.values.astype(np.float32),
-        dark_e_s=(gain * (current + uneven.values)).astype(np.float32),
+        dark_e_s=(gain.value * (current + uneven.values)).astype(np.float32),
         flat=np.where(sound, flat.values, 1.0).astype(np.float32),
         hot=~sound,
-        dark_variance=(gain**2 * uneven.variance).astype(np.float32),
+        dark_variance=(gain.value**2 * uneven.variance).astype(np.float32),
         flat_variance=flat.variance.astype(np.float32),
     )
-    black = dark.black_dn.value
-    white = black + float(linearity.linear_dn(flats.saturation_dn - black))
-    sensor = Sensor(black, float(np.float32(white)), gain, ptc.read_noise_e.value)
-    full_well = Measured(gain * (white - black), ptc.gain.sigma * (white - black))
-    sigma = float(np.hypot(gain * np.sqrt(dark.slope_noise_dn2 / dark.sound.sum()), current * ptc.gain.sigma))
+    current_sigma = np.hypot(gain.value * np.sqrt(dark.slope_noise_dn2 / dark.sound.sum()), current * gain.sigma)
     figures = {
         "black_dn": dark.black_dn,
-        "gain_e_per_dn": ptc.gain,
+        "gain_e_per_dn": gain,
         "read_noise_e": ptc.read_noise_e,
-        "dark_current_e_s": Measured(gain * current, sigma),
+        "dark_current_e_s": Measured(gain.value * current, float(current_sigma)),
         "saturation_dn": Measured(flats.saturation_dn, 0.0 if flats.reached else float("nan")),
-        "full_well_e": full_well,
+        "full_well_e": Measured(gain.value * (white - black), gain.sigma * (white - black)),
         "offset_spread_dn": Measured(dark.offset.deviation, dark.offset.sigma),
         "offset_left_dn": Measured(float(np.sqrt(dark.offset.variance[dark.sound].mean())), 0.0),
         "response_spread": Measured(flat.deviation, flat.sigma),
@@ -332,3 +326,12 @@ def _assembled(
         "hot_pixels": Measured(float((~sound).sum()), 0.0),
     }
     return SensorMeasurement(sensor, correction, linearity, figures, ptc.transfer)
+
+
+def _flat(dark: _Dark, flats: _Flats, light_s: Array, curve: LinearityFit, gain: float) -> tuple[Spread, Mask]:
+    """Relative response of the pixels, without their dark current, and which of them are sound."""
+    black_dn = dark.black_dn.value + dark.offset.values
+    rates = flats.sums.rates(light_s, black_dn, curve.linearity, curve.rate_dn_s)
+    noise_dn2 = float(np.mean([one.variance_dn2.mean() for one in dark.levels]))
+    variance = rates.relative_variance(gain, noise_dn2, dark.offset.variance)
+    return flat_map(rates.rate_dn_s - float(dark.slope_dn_s[dark.sound].mean()), variance, dark.sound)

@@ -17,7 +17,7 @@ SHIFT_SIGMA_PX = 0.05
 SCALE_SIGMA = 5e-4
 FOCAL_SIGMA = 0.02  # where the calibration does not tell
 TURN_SIGMA_RAD = np.radians(0.04)
-_REFLECTIONS = 12  # rounds, of which each gains a factor of distance over radius, 15 and more
+_REFLECTIONS = 8  # rounds, of which each gains a factor of distance over radius, 15 and more
 
 
 def sigmas(camera: CameraModel) -> Array:

@@ -26,8 +26,9 @@ Array = NDArray[np.float64]
 SEAT_SIGMA_M = 0.005  # of the ball's centre about its seat
 AXIS_SIGMA_RAD = radians(0.005)  # of the angle at which a carrier stands
 SPOT_SIGMA_PX = 0.003  # what the shape of a spot adds to its noise
-_ROUNDS = 5
+_ROUNDS = 4
 _MOST_ITERATIONS = 30
+_CONVERGED, _RENEWED = 1e-7, 1e-2  # gains of a step, relative, that end the steps and that ask for new slopes
 _STEP = 1e-4  # of the central differences: metres, pixels, radians
 
 
@@ -236,32 +237,38 @@ class _Problem:
 
     def solve(self, state: Array, spots: _Spots) -> _Solution:
         """Least squares in rounds, each with the weights that the residuals of the one before give."""
-        weight = spots.seen.astype(np.float64)
-        for _ in range(_ROUNDS):
-            solution = self._minimise(state, weight, spots)
+        weight, slopes = spots.seen.astype(np.float64), self._slopes(state, spots)
+        for number in range(_ROUNDS):
+            if number:
+                size = np.linalg.norm(self._whitened(state, spots), axis=1) / np.sqrt(2)
+                scale = max(bulk_deviation(size[spots.seen]), 1.0)
+                weight = np.where(spots.seen, biweight(np.where(spots.seen, size, 0.0), scale), 0.0)
+            solution, slopes = self._minimise(state, slopes, weight, spots)
             state = solution.state
-            size = np.linalg.norm(self._whitened(state, spots), axis=1) / np.sqrt(2)
-            scale = max(bulk_deviation(size[spots.seen]), 1.0)
-            weight = np.where(spots.seen, biweight(np.where(spots.seen, size, 0.0), scale), 0.0)
         return solution
 
-    def _minimise(self, state: Array, weight: Array, spots: _Spots) -> _Solution:
-        """Levenberg-Marquardt: the reflection is nearly linear in small displacements, a few steps end it."""
-        damping, cost = 1e-6, np.inf
+    def _slopes(self, state: Array, spots: _Spots) -> Array:
+        """Whitened slopes (sightings, 2, unknowns), 0 where nothing was seen."""
+        slopes = np.einsum("nij,njk->nik", spots.whitener, self._jacobian(state))
+        return np.where(spots.seen[:, None, None], slopes, 0.0)
+
+    def _minimise(self, state: Array, slopes: Array, weight: Array, spots: _Spots) -> tuple[_Solution, Array]:
+        """Levenberg-Marquardt; the slopes, which small displacements hardly change, are renewed after large gains."""
+        damping, cost, prior = 1e-6, self._cost(state, weight, spots), self._prior_jacobian
         for _ in range(_MOST_ITERATIONS):
-            whitened = self._whitened(state, spots) * np.sqrt(weight)[:, None]
-            slopes = np.einsum("nij,njk->nik", spots.whitener, self._jacobian(state)) * np.sqrt(weight)[:, None, None]
-            slopes[~spots.seen] = 0.0
-            whitened[~spots.seen] = 0.0
-            departures, prior = self.priors(state), self._prior_jacobian
-            measured = np.einsum("nik,nil->kl", slopes, slopes)
+            weighted = (slopes * weight[:, None, None]).reshape(-1, len(state))
+            measured = weighted.T @ slopes.reshape(-1, len(state))
             normal = measured + prior.T @ prior
-            gradient = np.einsum("nik,ni->k", slopes, whitened) - prior.T @ departures
+            left = np.nan_to_num(self._whitened(state, spots), nan=0.0)
+            gradient = weighted.T @ left.ravel() - prior.T @ self.priors(state)
             step, state, damping, new_cost = self._step(state, (normal, gradient, damping), weight, spots)
-            if cost - new_cost < 1e-9 * new_cost or not step.any():
+            gain = (cost - new_cost) / max(new_cost, 1e-300)
+            if gain < _CONVERGED or not step.any():
                 break
             cost = new_cost
-        return _Solution(state, weight, normal, measured)
+            if gain > _RENEWED:
+                slopes = self._slopes(state, spots)
+        return _Solution(state, weight, normal, measured), slopes
 
     def _step(
         self, state: Array, system: tuple[Array, Array, float], weight: Array, spots: _Spots

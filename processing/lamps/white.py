@@ -29,7 +29,8 @@ FALLOFF_SIGMA = 1.0
 _LEAST_PIXELS = 2  # of a channel in a cell
 _LEAST_CELLS = 40  # of a channel in a view, for its shape to mean something
 _LEAST_NOISES = 10.0  # mean of a cell over its deviation
-_ROUNDS = 5
+_LEAST_SPREAD = 0.01  # of the first residuals of a view, relative
+_ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +208,7 @@ class _Problem:
         """Gauss-Newton with weights from the round before; `held` is a falloff that is not to move."""
         if held is not None:
             state = np.concatenate([[held], state[1:]])
-        weights = [np.ones_like(view.information) for view in self.views]
+        weights = [self._first_weight(state, view) for view in self.views]
         for _ in range(_ROUNDS):
             normal, gradient = self._system(state, weights)
             if held is not None:
@@ -217,6 +218,12 @@ class _Problem:
             state = state + inverse @ gradient
             residuals, weights, excess = self._reweighted(state, weights)
         return _Solution(state, inverse * max(excess, 1.0), residuals, weights)
+
+    def _first_weight(self, state: Array, view: PlateView) -> Array:
+        """Weights (cells, 3) before a camera's factors are known: what lies far off a view's bulk is shadow or dirt."""
+        used, left = view.information > 0, self._left(state, view)
+        size = left - np.nan_to_num(_median(np.where(used, left, np.nan)))
+        return np.where(used, biweight(size, max(bulk_deviation(size[used]), _LEAST_SPREAD)), 0.0)
 
     def _left(self, state: Array, view: PlateView) -> Array:
         """Found less predicted (cells, 3), 0 where nothing was found."""

@@ -2,7 +2,7 @@
 
 A lens spreads the finest point of light over adjacent pixels, a hot pixel is alone. On a mosaic the adjacent pixels
 have another colour, but no light is seen by one colour only. A hot pixel therefore stands out from its like-coloured
-neighbours, two pixels away, while the four adjacent pixels do not stand out from theirs.
+neighbours, two pixels away, while the four adjacent pixels are as theirs.
 """
 
 import math
@@ -18,10 +18,10 @@ Float32 = NDArray[np.float32]
 
 PEAK_RATIO = 1.5  # to the brightest like-coloured neighbour, and
 PEAK_SIGMA = 20.0  # standard deviations above it
-# Largest mean excess of the adjacent pixels, in shares of the pixel's own. A point under a lens of 0.5 px (standard
+# Largest mean deviation of the adjacent pixels, in shares of the pixel's own. A point under a lens of 0.5 px (standard
 # deviation) lends them 14 %, 7 % where the colours' responses differ by two.
 ADJACENT_SHARE = 0.03
-ADJACENT_SIGMA = 3.0  # of noise, and
+ADJACENT_SIGMA = 2.0  # of noise, and
 TEXTURE_SIGMA = 2.0  # of the differences among their neighbours, are allowed for
 FRAME_PX = 3
 
@@ -33,7 +33,7 @@ _RATIO, _SQUARED_SIGMA, _LOWEST = np.float32(PEAK_RATIO), np.float32(PEAK_SIGMA*
 def find_hot_pixels(mosaic: Radiance) -> NDArray[np.bool_]:
     """Pixels (h, w) of a merged Bayer mosaic that no image under a lens can hold: True where hot.
 
-    Found are pixels over 1.5 times their brightest like-coloured neighbour whose excess is also over some fifty
+    Found are pixels over 1.5 times their brightest like-coloured neighbour whose excess is also over some sixty
     standard deviations of an adjacent pixel; in rough texture it must be larger still. False alarms: fewer than one
     in a million pixels of noise, none behind a lens of 0.5 px (standard deviation) or softer. A dot of one pure
     colour, finer than the lens, would be mistaken. The outermost three pixels are not judged.
@@ -110,16 +110,17 @@ def _alike(value: Float32, y: int, x: int) -> Float32:
 
 @njit(error_model="numpy")
 def _adjacent(value: Float32, variance: Float32, y: int, x: int) -> float:
-    """Upper bound of the mean by which the adjacent pixels exceed the median of their like-coloured neighbours.
+    """Upper bound of the mean by which the adjacent pixels depart from the median of their like-coloured neighbours.
 
-    Where an adjacent pixel is unknown, for it may be saturated, nothing is bounded.
+    A dip counts like an excess: it is structure, in which a bright point may be as well. Where an adjacent pixel is
+    unknown, for it may be saturated, nothing is bounded.
     """
     excess, spread = 0.0, 0.0
     for k in range(len(_ADJACENT)):
         v, u = y + _ADJACENT[k, 0], x + _ADJACENT[k, 1]
         alike = _alike(value, v, u)
         middle = np.nanmedian(alike)
-        excess += value[v, u] - middle
+        excess += abs(value[v, u] - middle)
         spread += ADJACENT_SIGMA**2 * variance[v, u] + TEXTURE_SIGMA**2 * np.nanmean((alike - middle) ** 2)
     bound = (excess + math.sqrt(spread)) / len(_ADJACENT)
     return bound if bound == bound else np.inf

@@ -35,7 +35,7 @@ def find_hot_pixels(value, variance):
         for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             near = alike(dy, dx)
             middle = np.nanmedian(near, axis=0)
-            excess = excess + at(wide, dy, dx) - middle
+            excess = excess + np.abs(at(wide, dy, dx) - middle)
             unsure = unsure + ADJACENT_SIGMA**2 * at(spread, dy, dx)
             unsure = unsure + TEXTURE_SIGMA**2 * np.nanmean((near - middle) ** 2, axis=0)
         hot = suspect & ((excess + np.sqrt(unsure)) / 4 < ADJACENT_SHARE * own)

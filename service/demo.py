@@ -174,6 +174,7 @@ def _hdr_stage(session: Session, simulation: Simulation, watch: Stopwatch) -> St
     calibrations = Calibrations()
     merged = watch.time("merge", lambda: [merge(stack, calibrations) for stack in stacks(session.frames())])
     errors = watch.time("truth", lambda: truth.hdr_errors(merged, simulation.truth))
+    read_ratio = sum(one.found.read.read_ratio for one in merged) / len(merged)
     return Stage(
         "Radiance",
         "Five exposures per light merged by maximum likelihood, with a variance per pixel.",
@@ -183,6 +184,7 @@ def _hdr_stage(session: Session, simulation: Simulation, watch: Stopwatch) -> St
             Measure("hdr_relative_rmse", errors.relative_rmse, "", "error over truth, root of summed squares"),
             Measure("hdr_p95", errors.per_pixel.p95, "", "relative error of a pixel over 10 sigmas, 95th percentile"),
             Measure("hdr_normalised_rms", errors.normalised.rms, "sigma", "error over the variance's own sigma"),
+            Measure("hdr_read_ratio", read_ratio, "", "samples decoded over all; the others tell too little"),
         ),
     )
 

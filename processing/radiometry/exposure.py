@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from math import log
+from math import exp, log
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -118,6 +118,13 @@ def times_error(times: ExposureTimes, names: Sequence[str]) -> ImageError:
     listed = "; ".join(
         f"{names[i]} states {times.stated_s[i]:.4g} s and measures {times.measured_s[i]:.4g} s" for i in times.gross
     )
+    if len(names) == 2 and not times.swapped:
+        stated, measured = (exp(abs(log(t[1] / t[0]))) for t in (times.stated_s, times.measured_s))
+        both = " and ".join(f"{name} ({time:.4g} s)" for name, time in zip(names, times.stated_s, strict=True))
+        return ImageError(
+            f"wrong exposure times: of {both} one is stated to have {stated:.4g} times the other's light and has "
+            f"{measured:.4g} times. Correct the times, take one again, or merge with the measured times."
+        )
     if times.swapped:
         return ImageError(f"swapped exposure times: {listed}. Correct them, or merge with the measured times.")
     return ImageError(

@@ -93,6 +93,7 @@ NO_BRACKETS = {
     "is not; merge one kind": lambda f: [*raw_files(f), picture_file(f / "a.png")],
     "different sizes": lambda f: [*raw_files(f), another_dng(f, rows=30)],
     "different cameras": lambda f: [*raw_files(f), another_dng(f, serial="T-2")],
+    "different ISO": lambda f: [*raw_files(f), another_dng(f, iso=200)],
     "different sensor levels": lambda f: [*raw_files(f), another_dng(f, black=(128,))],
     "the same exposure time": lambda f: [*raw_files(f), another_dng(f, exposure_s=0.05)],
     "truncated: 500 bytes": lambda f: [*raw_files(f), cut(another_dng(f), 500)],

@@ -156,6 +156,8 @@ def test_two_frames_share_their_disagreement():
     found = exposure_times(raw, [0.1, 2.0], SENSOR)
     assert found.verdict == TimesVerdict.CONTRADICTED
     np.testing.assert_allclose(found.scale, [np.sqrt(2), 1 / np.sqrt(2)], rtol=5e-3)
+    message = str(times_error(found, ["a", "b"]))
+    assert "of a (0.1 s) and b (2 s) one is stated to have 20 times the other's light and has" in message
 
 
 UNDETERMINED = {

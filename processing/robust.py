@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_TUKEY = 4.685  # 95 % efficiency for normal errors
+TUKEY = 4.685  # 95 % efficiency for normal errors
 
 
 def bulk_deviation(errors: NDArray[np.floating]) -> float:
@@ -14,7 +14,7 @@ def bulk_deviation(errors: NDArray[np.floating]) -> float:
 
 def biweight(errors: Array, sigma: Array | float) -> Array:
     """Tukey's weights (...): 1 for an error of 0, falling to 0 at 4.685 sigma and beyond; sigma is positive."""
-    return np.asarray(np.clip(1.0 - (errors / (_TUKEY * sigma)) ** 2, 0.0, None) ** 2, np.float64)
+    return np.asarray(np.clip(1.0 - (errors / (TUKEY * sigma)) ** 2, 0.0, None) ** 2, np.float64)
 
 
 def weighted_median_place(values: Array, weights: Array, axis: int = 0) -> NDArray[np.intp]:

@@ -178,13 +178,20 @@ def merge(
     sensor: Annotated[
         Path | None, typer.Option(help="Of RAW: the camera's measured sensor, a folder products/sensors/SERIAL.")
     ] = None,
+    response: Annotated[
+        Path | None, typer.Option(help="Of JPEG: the camera's response, saved (.json) by an earlier merge.")
+    ] = None,
+    grey_patch: Annotated[
+        str, typer.Option(metavar="LEFT,TOP,WIDTH,HEIGHT", help="Pixels that are grey, for the white balance.")
+    ] = "",
 ) -> None:
     """Merge bracketed photographs into one linear EXR with a variance layer, and a tone-mapped PNG beside it."""
     from processing.radiometry.stack import MergeOptions
     from service import measuring
 
     with reported_errors():
-        for line in measuring.merge_photographs(files, out, MergeOptions(measured_times, moved), sensor):
+        options = MergeOptions(measured_times, moved)
+        for line in measuring.merge_photographs(files, out, options, sensor, response, grey_patch):
             tell(line)
 
 

@@ -11,9 +11,10 @@ from processing.errors import ImageError
 from processing.laser.depth_picture import depth_picture, write_point_cloud
 from processing.laser.hand_sweep import laser_sweep
 from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
-from processing.radiometry.bracket import merge_files, write_merged
+from processing.radiometry.bracket import MergedImage, PhotographExposures, balanced, merge_files, write_merged
 from processing.radiometry.exposure import TimesVerdict
 from processing.radiometry.hdr import PixelStatus
+from processing.radiometry.response_file import read_response
 from processing.radiometry.sensor_calibration import SensorCalibration
 from processing.radiometry.stack import DEFAULTS, MergedExposures, MergeOptions
 from render.picture import save_image
@@ -23,17 +24,28 @@ from service.files import replaced
 from service.pictures import check_still, save_stripes
 
 INTRINSICS = "intrinsics.xml"
+_EXPOSURE_NEWS = 0.02  # log exposure: smaller departures are not worth a line
 NOTICED = 0.01  # share of a picture that moved from which on it is told
 
 
 def merge_photographs(
-    files: Sequence[Path], out: Path, options: MergeOptions = DEFAULTS, sensor: Path | None = None
+    files: Sequence[Path],
+    out: Path,
+    options: MergeOptions = DEFAULTS,
+    sensor: Path | None = None,
+    response: Path | None = None,
+    grey: str = "",
 ) -> Iterator[str]:
-    """Merge a bracket into `out` (.exr) and a PNG beside it; `sensor` is the product folder of a measured sensor.
+    """Merge a bracket into `out` (.exr) and a PNG beside it, of JPEG also the camera's response (.json).
 
-    Raises ImageError, CalibrationError.
+    `sensor` is the product folder of a measured sensor, `response` a file of an earlier merge; `grey` is the box of a
+    grey patch, LEFT,TOP,WIDTH,HEIGHT in pixels. Raises ImageError, CalibrationError.
     """
-    merged = merge_files(files, options, None if sensor is None else SensorCalibration.load(sensor))
+    box_px = _box(grey) if grey else None
+    known = None if response is None else read_response(response)
+    merged = merge_files(files, options, None if sensor is None else SensorCalibration.load(sensor), known)
+    if box_px is not None:
+        merged = balanced(merged, box_px)
     with replaced(out) as part:
         write_merged(merged, part)
     times = ", ".join(f"{time_s:.4g}" for time_s in merged.exposure_s)
@@ -44,8 +56,37 @@ def merge_photographs(
         yield "No noise profile in the files: gain and read noise are assumed, the variance is only indicative."
     if merged.found is not None:
         yield from _about_frames(merged.found, [path.name for path in merged.files])
+    if merged.photographs is not None:
+        yield from _about_photographs(merged, merged.photographs, known=known is not None)
+    if merged.balance is not None:
+        red, green, blue = merged.balance.multipliers
+        yield f"White balance from the grey patch: red x {red:.4f}, green x {green:.0f}, blue x {blue:.4f}"
     yield f"{out}: linear, with layers variance and status"
     yield f"{out.with_suffix('.png')}: tone-mapped"
+    if merged.response is not None:
+        yield f"{out.with_suffix('.json')}: the camera's response, for --response"
+
+
+def _box(text: str) -> tuple[int, int, int, int]:
+    try:
+        left, top, width, height = (int(edge) for edge in text.split(","))
+    except ValueError as error:
+        raise ImageError(f"grey patch {text!r}: four numbers are needed, LEFT,TOP,WIDTH,HEIGHT in pixels.") from error
+    return left, top, width, height
+
+
+def _about_photographs(merged: MergedImage, exposures: PhotographExposures, *, known: bool) -> Iterator[str]:
+    """What the pictures of a bracket showed about their camera and their exposures."""
+    if merged.response is not None and not known:
+        middle = merged.response.log_exposure_sigma[20:236]
+        yield f"Response of the camera recovered, to {np.sqrt(np.mean(middle**2)):.1%} of the light between its codes."
+    error = np.log(np.divide(exposures.measured, exposures.stated))
+    worst = int(np.abs(error).argmax())
+    if abs(error[worst]) > _EXPOSURE_NEWS:
+        yield (
+            f"{merged.files[worst]} has {np.expm1(error[worst]):+.1%} exposure against what it states: flicker, or the "
+            "shutter; the merge goes by the pictures."
+        )
 
 
 def _about_frames(found: MergedExposures, names: Sequence[str]) -> Iterator[str]:

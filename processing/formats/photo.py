@@ -6,15 +6,17 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from processing.errors import ImageError
 from processing.formats import exif
 
+_PNG_DEPTH = 24  # byte of the header that says the bits per channel (PNG specification, 11.2.2)
+
 
 @dataclass(frozen=True, slots=True)
 class Photograph:
-    """`srgb8` (h, w, 3) uint8; exposure time, f-number and ISO NaN and model empty where EXIF does not say them."""
+    """`srgb8` (h, w, 3) uint8, upright; exposure time, f-number, ISO NaN and model empty where EXIF says none."""
 
     srgb8: NDArray[np.uint8]
     exposure_s: float
@@ -24,15 +26,21 @@ class Photograph:
 
 
 def read_photo(path: Path) -> Photograph:
-    """Read one photograph. Raises ImageError that names the file where it is missing, truncated or no image."""
+    """Read one photograph, turned upright as EXIF says.
+
+    Raises ImageError that names the file where it is missing, truncated, no image, or not of 8 bits per channel.
+    """
     try:
         content = path.read_bytes()
         with Image.open(io.BytesIO(content)) as image:
-            srgb8 = np.asarray(image.convert("RGB"))
+            deep = image.mode[0] in "IF" or (image.format == "PNG" and content[_PNG_DEPTH] == 16)
+            srgb8 = np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
     except UnidentifiedImageError as error:
         raise ImageError(f"{path}: not a picture, or of an unknown format. Copy it again, or leave it out.") from error
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise ImageError(f"{path}: not a readable picture ({error}). Copy it again, or leave it out.") from error
+    if deep:
+        raise ImageError(f"{path}: more than 8 bits per channel. Merge the camera's JPEG files, or its RAW files.")
     tags = exif.read_tags(content)
     return Photograph(
         srgb8=srgb8,

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -16,10 +16,12 @@ from processing.formats.raw import RawImage, map_raw
 from processing.radiometry.defects import fill_hot_pixels
 from processing.radiometry.display import tonemap
 from processing.radiometry.exposure import ExposureTimes
+from processing.radiometry.grey_patch import GreyPatch, measure_grey_patch
 from processing.radiometry.hdr import PixelStatus, Radiance
 from processing.radiometry.mosaic import demosaic, white_balance
 from processing.radiometry.photographs import merge_photographs
 from processing.radiometry.response import Response
+from processing.radiometry.response_file import write_response
 from processing.radiometry.sensor_calibration import SensorCalibration
 from processing.radiometry.stack import DEFAULTS, Exposures, MergedExposures, MergeOptions, merge_stack
 
@@ -30,16 +32,29 @@ RAW_SUFFIXES = frozenset(
 _XYZ_FROM_SRGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 
 
+@dataclass(frozen=True, slots=True)
+class PhotographExposures:
+    """Exposures time x ISO / 100 / f-number squared of photographs: as `stated`, and as the pictures themselves say.
+
+    `absolute` where ISO and aperture are known, so that radiance compares across brackets of one camera.
+    """
+
+    stated: tuple[float, ...]
+    measured: tuple[float, ...]
+    absolute: bool
+
+
 @dataclass(frozen=True)
 class MergedImage:
     """One linear image of a bracketed scene.
 
     `radiance` (h, w, 3): of RAW, white-balanced camera colours in electrons per second, green as measured; of
     photographs, sRGB primaries in relative units with a `response`. `srgb_from_camera` (3, 3) takes the colours to
-    sRGB primaries. `exposure_s`, as the files state it, rises, `files` in the same order. `found` says of RAW what
-    its frames showed: the times that were used, whether the picture moved, what was read. `measured_sensor` is the
-    serial number and the identity of the sensor calibration that was used; radiance is then that of each channel's
-    mean pixel.
+    sRGB primaries. `exposure_s`, as the files state it, rises, `files` in the same order; of photographs, the product
+    of time, ISO and aperture rises. `found` says of RAW what its frames showed: the times that were used, whether the
+    picture moved, what was read; `photographs` says the exposures. `measured_sensor` is the serial number and the
+    identity of the sensor calibration that was used; radiance is then that of each channel's mean pixel. `balance` is
+    the grey patch that was used.
     """
 
     radiance: Radiance
@@ -51,15 +66,21 @@ class MergedImage:
     assumed_sensor: bool = False
     found: MergedExposures | None = None
     measured_sensor: str = ""
+    photographs: PhotographExposures | None = None
+    balance: GreyPatch | None = None
 
 
 def merge_files(
-    paths: Sequence[Path], options: MergeOptions = DEFAULTS, sensor: SensorCalibration | None = None
+    paths: Sequence[Path],
+    options: MergeOptions = DEFAULTS,
+    sensor: SensorCalibration | None = None,
+    response: Response | None = None,
 ) -> MergedImage:
     """Merge bracketed files, given in any order, each read once, or less where parts of a RAW file tell nothing.
 
     RAW files whose frames contradict their exposure times, or show that the camera moved, are an error unless the
-    `options` take them. `sensor` is the camera's own as measured, for RAW files alone.
+    `options` take them. `sensor` is the camera's own as measured, for RAW files alone; photographs give their camera's
+    `response`, or use the given one.
     Raises CalibrationError where that is another camera's, ISO's or size's; ImageError that names the files: none
     given, one named twice, RAW and pictures mixed, different sizes, cameras, ISO or apertures, missing or equal
     exposure times, or a file that cannot be read.
@@ -73,7 +94,9 @@ def merge_files(
         raise ImageError(f"{paths[raw.index(True)]} is RAW and {paths[raw.index(False)]} is not; merge one kind.")
     if sensor is not None and not all(raw):
         raise ImageError(f"{paths[0]} is no RAW file; a measured sensor is of use with the sensor's own counts only.")
-    return _merge_raw(paths, options, sensor) if all(raw) else _merge_photographs(paths)
+    if response is not None and any(raw):
+        raise ImageError(f"{paths[0]} is RAW, linear as it is: it needs no response.")
+    return _merge_raw(paths, options, sensor) if all(raw) else _merge_photographs(paths, response)
 
 
 def _merge_raw(paths: Sequence[Path], options: MergeOptions, sensor: SensorCalibration | None) -> MergedImage:
@@ -103,16 +126,45 @@ def _merge_raw(paths: Sequence[Path], options: MergeOptions, sensor: SensorCalib
     )
 
 
-def _merge_photographs(paths: Sequence[Path]) -> MergedImage:
+def _merge_photographs(paths: Sequence[Path], response: Response | None) -> MergedImage:
     frames = {path: read_photo(path) for path in paths}
-    if len(paths) < 2:
-        raise ImageError(f"{paths[0]}: one photograph has no bracket; two or more exposure times are needed.")
+    if len(paths) < 2 and response is None:
+        raise ImageError(f"{paths[0]}: one photograph has no bracket; give two or more exposures, or a saved response.")
     _check_same("sizes", {path: frame.srgb8.shape for path, frame in frames.items()})
     _check_same("cameras", {path: frame.model for path, frame in frames.items()})
-    order = _ordered(frames)
-    exposure_s = [frames[path].exposure_s for path in order]
-    radiance, response = merge_photographs(np.stack([frames[path].srgb8 for path in order]), exposure_s)
-    return MergedImage(radiance, tuple(exposure_s), tuple(order), frames[order[0]].model, np.eye(3), response)
+    camera = frames[paths[0]].model
+    if response is not None and response.camera != camera:
+        raise ImageError(f"response of {response.camera or 'an unnamed camera'}, {paths[0]} by {camera or 'another'}.")
+    stated = photograph_exposures(frames)
+    order = sorted(paths, key=lambda path: stated[path])
+    stack = np.stack([frames[path].srgb8 for path in order])
+    merged = merge_photographs(stack, [stated[path] for path in order], response, [str(path) for path in order])
+    exposure_s = tuple(frames[path].exposure_s for path in order)
+    absolute = all(np.isfinite(frames[paths[0]].iso) and frames[path].f_number > 0 for path in paths)
+    exposures = PhotographExposures(tuple(stated[path] for path in order), tuple(merged.exposure), absolute)
+    recovered = replace(merged.response, camera=camera)
+    return MergedImage(merged.radiance, exposure_s, tuple(order), camera, np.eye(3), recovered, photographs=exposures)
+
+
+def photograph_exposures(frames: Mapping[Path, Photograph]) -> dict[Path, float]:
+    """Time x ISO / 100 / f-number squared of each photograph; what no file states counts as 1.
+
+    Raises ImageError where a file states no time, or some state ISO or aperture and others do not.
+    """
+    _check_times(frames)
+    for what, values in (
+        ("ISO", {path: frame.iso for path, frame in frames.items()}),
+        ("aperture", {path: frame.f_number for path, frame in frames.items()}),
+    ):
+        silent = [path for path, value in values.items() if not value > 0]
+        if silent and len(silent) < len(values):
+            raise ImageError(f"{silent[0]} states no {what} and others do. Use the camera's own files, unedited.")
+    return {
+        path: frame.exposure_s
+        * (frame.iso / 100 if frame.iso > 0 else 1.0)
+        / (frame.f_number**2 if frame.f_number > 0 else 1.0)
+        for path, frame in frames.items()
+    }
 
 
 def _check_same(what: str, values: Mapping[Path, object]) -> None:
@@ -122,13 +174,17 @@ def _check_same(what: str, values: Mapping[Path, object]) -> None:
             raise ImageError(f"different {what}: {first_path} has {first}, {path} has {value}. Merge one bracket.")
 
 
-def _ordered(frames: Mapping[Path, RawImage] | Mapping[Path, Photograph]) -> list[Path]:
-    """Paths by rising exposure time, where only the time differs."""
-    _check_same("ISO", {path: frame.iso for path, frame in frames.items()})
-    _check_same("apertures", {path: frame.f_number for path, frame in frames.items()})
+def _check_times(frames: Mapping[Path, RawImage] | Mapping[Path, Photograph]) -> None:
     for path, frame in frames.items():
         if not (np.isfinite(frame.exposure_s) and frame.exposure_s > 0):
             raise ImageError(f"{path}: no exposure time in its EXIF data. Use the camera's own files, unedited.")
+
+
+def _ordered(frames: Mapping[Path, RawImage]) -> list[Path]:
+    """Paths by rising exposure time, where only the time differs."""
+    _check_same("ISO", {path: frame.iso for path, frame in frames.items()})
+    _check_same("apertures", {path: frame.f_number for path, frame in frames.items()})
+    _check_times(frames)
     order = sorted(frames, key=lambda path: frames[path].exposure_s)
     for one, other in itertools.pairwise(order):
         if frames[one].exposure_s == frames[other].exposure_s:
@@ -156,10 +212,19 @@ def _srgb_from_camera(camera_from_xyz: NDArray[np.float64]) -> NDArray[np.float6
     return np.asarray(np.linalg.inv(camera_from_srgb / sums), np.float64)
 
 
+def balanced(merged: MergedImage, box_px: tuple[int, int, int, int]) -> MergedImage:
+    """The image with the patch `left, top, width, height` made grey; green stays. Raises ImageError for a bad patch."""
+    radiance = merged.radiance
+    patch = measure_grey_patch(radiance, box_px)
+    value, variance = white_balance(radiance.value, radiance.variance, patch.multipliers)
+    return replace(merged, radiance=Radiance(value, variance, radiance.status), balance=patch)
+
+
 def write_merged(merged: MergedImage, path: Path) -> tuple[Path, Path]:
     """Write the linear image as `path` (.exr: R G B, layers variance and status) and a tone-mapped PNG beside it.
 
-    Returns both paths. Raises ImageError where the name does not end in .exr or a file cannot be written.
+    Of photographs, also their camera's response (.json). Returns the paths of image and picture.
+    Raises ImageError where the name does not end in .exr or a file cannot be written.
     """
     if path.suffix.lower() != ".exr":
         raise ImageError(f"{path}: the linear image is OpenEXR; name it ....exr.")
@@ -168,6 +233,8 @@ def write_merged(merged: MergedImage, path: Path) -> tuple[Path, Path]:
     write_exr(path, ExrImage(radiance.value, layers, _metadata(merged)))
     picture = path.with_suffix(".png")
     _write_png(picture, display_picture(merged))
+    if merged.response is not None:
+        write_response(path.with_suffix(".json"), merged.response)
     return path, picture
 
 
@@ -196,16 +263,39 @@ def _measured_times(times: ExposureTimes) -> str:
 
 def _metadata(merged: MergedImage) -> dict[str, str]:
     """What each number of the file means, in the file."""
-    relative = merged.response is not None
-    unit = "relative: code 128 in one second is 1" if relative else "electrons per second, green as measured"
     return {
         "comments": "linear radiance; layer variance is its variance, status 0 ok 1 saturated 2 dark 3 missing",
-        "radianceUnit": unit + (" (assumed gain: the camera states no noise profile)" if merged.assumed_sensor else ""),
+        "radianceUnit": _unit(merged),
         "camera": merged.camera,
         "measuredSensor": merged.measured_sensor,
         "exposureTimes": " ".join(f"{time:.6g}" for time in merged.exposure_s),
         "measuredTimes": "" if merged.found is None else _measured_times(merged.found.times),
         "sources": " ".join(path.name for path in merged.files),
         "srgbFromCamera": " ".join(f"{value:.6f}" for value in np.ravel(merged.srgb_from_camera)),
-        "response": "" if merged.response is None else " ".join(f"{g:.4f}" for g in merged.response.log_exposure),
+        **({} if merged.photographs is None else _exposures(merged.photographs)),
+        **({} if merged.balance is None else _balance(merged.balance)),
+    }
+
+
+def _unit(merged: MergedImage) -> str:
+    if merged.photographs is None:
+        assumed = " (assumed gain: the camera states no noise profile)" if merged.assumed_sensor else ""
+        return f"electrons per second, green as measured{assumed}"
+    at = "at f/1 and ISO 100" if merged.photographs.absolute else "at this bracket's aperture and ISO"
+    return f"relative to the camera: code 128 in one second {at} is 1"
+
+
+def _exposures(exposures: PhotographExposures) -> dict[str, str]:
+    return {
+        "exposures": " ".join(f"{one:.6g}" for one in exposures.stated),
+        "measuredExposures": " ".join(f"{one:.6g}" for one in exposures.measured),
+    }
+
+
+def _balance(patch: GreyPatch) -> dict[str, str]:
+    return {
+        "greyPatch": ",".join(str(edge) for edge in patch.box_px),
+        "greyMultipliers": " ".join(
+            f"{one:.6g}+-{sigma:.2g}" for one, sigma in zip(patch.multipliers, patch.sigma, strict=True)
+        ),
     }

@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 from processing.errors import ImageError
 from processing.radiometry import response_kernel
 from processing.radiometry.response_fit import (
+    JUDGED_FRAMES,
     MIDDLE,
     Equations,
     Smooth,
@@ -24,11 +25,11 @@ Array = NDArray[np.float64]
 CODES = response_kernel.CODES
 _FIT = 10, 240  # codes outside take no part in the fit: their noise is no longer small against what clips them
 _PIXELS = 60_000  # as many decide about the curve
-_TILES = 4, 6
+_TILES = 3, 4
 _ROUNDS, _CLIMBING = 10, 4
 _GRID = 4000
-_STILL = 2e-4  # change of log exposure that ends the rounds
-_TIME_SIGMA = 0.003  # of a stated exposure, to begin with
+_STILL = 5e-4  # change of log exposure that ends the rounds
+_TIME_SIGMA = 0.003, 0.001  # of a stated exposure, to begin with; of few, which cannot contradict it
 _SLOPE = 0.2  # of the start's: no round may flatten the curve further
 # Of the log exposure: JPEG averages codes over texture, and a bent curve does not commute with that. Measured on the
 # simulated camera.
@@ -42,13 +43,14 @@ class Response:
 
     `log_exposure`: ln of the exposure of a code, rising, 0 at code 128. `log_exposure_sigma`: its standard deviation,
     the same error for every pixel. `code_sigma_dn`: noise of one sample in codes; `coding_sigma_dn` (channels,): the
-    part of it that arises after the curve.
+    part of it that arises after the curve. `camera`: the model, empty where unknown.
     """
 
     log_exposure: Array
     log_exposure_sigma: Array
     code_sigma_dn: Array
     coding_sigma_dn: Array
+    camera: str = ""
 
     @property
     def slope(self) -> Array:
@@ -92,7 +94,8 @@ def recover_response(stack: NDArray[np.uint8], exposure: Array) -> tuple[Respons
     nominal = srgb_log_exposure() - srgb_log_exposure()[MIDDLE]
     present = np.repeat(np.linalg.lstsq(basis, start - nominal, rcond=None)[0][None], channels, axis=0)
     covariance = np.zeros((*present.shape, present.shape[1]))
-    fit = Smooth(present, covariance, np.zeros(frames), np.full(frames, _TIME_SIGMA))
+    time_sigma = np.full(frames, _TIME_SIGMA[frames < JUDGED_FRAMES])
+    fit = Smooth(present, covariance, np.zeros(frames), time_sigma)
     noise = np.ones((CODES, channels)), np.ones(channels)
     floor = _SLOPE * np.gradient(start)
     for i in range(_ROUNDS):
@@ -146,8 +149,9 @@ def _round(
     equations, sigmas, codings = [], [], []
     for codes, curve, sigma_dn, coding_dn in zip(pixels, curves.T, noise[0].T, noise[1], strict=True):
         parts = _tile_equations(codes, tile, log_exposure, (curve, sigma_dn, coding_dn))
-        matrix = np.stack([unknowns.T @ part[0] @ unknowns for part in parts])
-        equations.append(Equations(matrix, np.stack([unknowns.T @ part[1] for part in parts])))
+        half = np.tensordot(np.stack([part[0] for part in parts]), unknowns, axes=(2, 0))
+        matrix = np.tensordot(unknowns, half, axes=(0, 1)).transpose(1, 0, 2)
+        equations.append(Equations(matrix, np.stack([part[1] for part in parts]) @ unknowns))
         sigma, coding = code_noise(np.sum([part[2] for part in parts], axis=0), sigma_dn, np.exp(curve))
         sigmas.append(sigma)
         codings.append(coding)
@@ -176,7 +180,7 @@ def exposure_errors(stack: NDArray[np.uint8], exposure: Array, response: Respons
     Zero but for frames that the others contradict. Raises ImageError where the channels do not fit the response.
     """
     pixels, tile = _samples(stack)
-    log_time, time_sigma = np.zeros(len(exposure)), np.full(len(exposure), _TIME_SIGMA)
+    log_time, time_sigma = np.zeros(len(exposure)), np.full(len(exposure), _TIME_SIGMA[0])
     for _ in range(_ROUNDS):
         equations = []
         for c, codes in enumerate(pixels):

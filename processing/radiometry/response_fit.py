@@ -14,9 +14,10 @@ Array = NDArray[np.float64]
 MIDDLE = 128  # the code whose log exposure is 0
 ROUNDING_DN2 = 1 / 12
 _INTERVALS = 20
-_SHARED, _OWN = (3, 3.0, 8.0), (1, 2.0, 9.0)  # order of the penalised difference, range of its decimal logarithm
+_SHARED, _OWN = (3, 3.0, 8.0), (2, 2.0, 9.0)  # order of the penalised difference, range of its decimal logarithm
+_TILT = 0.03  # share of the first differences in the penalty on the channels' own deviations
 _TIME_SIGMA = 0.002, 0.5  # how well a stated exposure is believed, at best and at worst
-_JUDGED_FRAMES = 4  # fewer cannot tell a wrong exposure from a bent curve
+JUDGED_FRAMES = 4  # fewer cannot tell a wrong exposure from a bent curve
 _RIDGE = 1e-3  # for what neither data nor penalty determine: against 1 in log exposure
 _TRUNCATED = 0.9733  # variance of a normal distribution within three standard deviations
 
@@ -103,7 +104,7 @@ def smooth_curves(equations: list[Equations], present: Smooth, *, climb: bool) -
     covariance = np.stack([take @ cho_solve((factor, True), take.T) for take in takes])[:, :size, :size]
     log_time = solution[times]
     time_sigma = present.time_sigma
-    if frames >= _JUDGED_FRAMES:
+    if frames >= JUDGED_FRAMES:
         time_variance = np.diag(cho_solve((factor, True), np.eye(len(joint))[:, times])[times])
         time_sigma = _believed(log_time, time_variance, time_sigma)
     curves = np.stack([(take @ solution)[:size] for take in takes])
@@ -148,10 +149,11 @@ def _penalties(channels: int, size: int, frames: int) -> tuple[_Penalty, _Penalt
 
     shared, own = np.zeros(1 + channels), np.ones(1 + channels)
     shared[0], own[0] = 1, 0
+    bent = differences(_OWN[0]) + _TILT * differences(1)
     none = np.zeros((frames, frames))
     return (
         _Penalty(block_diag(np.kron(np.diag(shared), differences(_SHARED[0])), none), size - _SHARED[0]),
-        _Penalty(block_diag(np.kron(np.diag(own), differences(_OWN[0])), none), channels * (size - _OWN[0])),
+        _Penalty(block_diag(np.kron(np.diag(own), bent), none), channels * (size - 1)),
     )
 
 

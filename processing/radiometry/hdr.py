@@ -40,12 +40,14 @@ def merge_exposures(
     """Maximum-likelihood radiance of a stack (k, h, w) of raw counts under shot and read noise.
 
     A sample y of exposure t has mean r t and variance v = r t + read variance, and counts as Poisson shifted by the
-    read variance: its score is t (y - r t) / v. A saturated sample counts as 'at least the white level' (censored),
-    so that the result stays unbiased where an exposure switches off. Negative values are kept. `value` is in
-    electrons per second and solves the likelihood to 0.01 of its standard deviation (typically 0.0005), `variance` is
-    the inverse of the information there, to 1 %. Exposures come in any order, equal times are welcome. Non-finite
-    samples are left out, positive infinity is saturated. With a `correction` the value is that of the nominal pixel.
-    Whole counts are fastest as uint16; all else is taken as float32.
+    read variance: its score is t (y - r t) / v. A saturated sample counts as 'at least the white level' (censored), so
+    that none is rejected for its own noise; negative values are kept. `value` is in electrons per second and solves
+    the likelihood to 0.01 of its standard deviation (typically 0.0005), `variance` is the inverse of the information
+    there, to 1 %. Within three deviations of an exposure's saturation the likelihood itself leans upward: by 0.2 %
+    where exposures lie a factor of three apart, 1 % where 16, 2.4 % where 60, always under half a deviation.
+    Exposures come in any order, equal times are welcome. Non-finite samples are left out, positive infinity is
+    saturated. With a `correction` the value is that of the nominal pixel. Whole counts are fastest as uint16; all
+    else is taken as float32.
     Source: Granados et al. 2010, eq. 6, with the censoring of Tobin 1958; solved by Fisher scoring.
     Raises ImageError where the stack's shape and the exposures disagree or a time is not positive.
     """

@@ -25,6 +25,7 @@ _MARGIN = 5.0  # standard deviations of a sample below saturation within which i
 _LEVEL_RATIO = 3.0  # dark pixels are kept from bright ones: they weigh less
 _LINK = 100.0  # information that links two frames: their ratio is known to 10 %
 _CLEAR = 100.0  # squared signal over noise of a group: its own rate's noise feigns 1 % of information at most
+_CLEAR_DN = 20.0  # mean counts over black of a group's frame that counts: black levels are off by tenths of a count
 _OUTLIER = 1e-4  # share of undisturbed blocks that the outlier test rejects
 _PASSES, _ITERATIONS = 5, 25
 _STEP = 1e-7
@@ -99,8 +100,8 @@ def exposure_times(
     Over squares of neighbouring pixels of one level, a frame's sum Y_i has mean n R T_i and variance
     n (R T_i + read variance); R of each group and the T_i are solved jointly by Fisher scoring. Which frames count at
     a pixel is decided by their common estimate, which is sufficient: the ratios do not depend on the choice. Groups
-    that disagree beyond the chi-square distribution (moved parts) do not count. The error is within 5 % of the
-    Cramer-Rao bound of the given pixels.
+    that disagree beyond the chi-square distribution (moved parts) do not count, nor frames with little light in one,
+    which a black level that is off would distort. The error is within 5 % of the Cramer-Rao bound of the given pixels.
     Raises ImageError where the stack's shape and the exposures disagree or a time is not positive.
     """
     patches, stated_s = _checked(raw_dn, exposure_s)
@@ -189,8 +190,11 @@ class _Groups:
         numbers = (sensor.black_dn, sensor.white_dn, sensor.gain_e_per_dn, sensor.dark_variance_e2)
         sums, counts = overlap_sums(patches[order], rising_s, numbers, _ceiling(rising_s, sensor), edges)
         used = np.arange(frames) <= np.minimum(np.arange(counts.shape[-1]), frames - 1)[:, None]
-        used, back, kept = np.broadcast_to(used, sums.shape), np.argsort(order), counts > 0
-        return cls(sums[kept][:, back], counts[kept].astype(np.float64), used[kept][:, back])
+        time_s, count = np.where(used, rising_s, 0.0), np.maximum(counts, 1)[..., None]
+        rate = sums.sum(axis=-1, keepdims=True) / (count * time_s.sum(axis=-1, keepdims=True))
+        used = used & (rate * rising_s > _CLEAR_DN * sensor.gain_e_per_dn)
+        back, kept = np.argsort(order), (counts > 0) & (used.sum(axis=-1) > 1)
+        return cls(np.where(used, sums, 0.0)[kept][:, back], counts[kept].astype(np.float64), used[kept][:, back])
 
 
 def _ceiling(exposure_s: Array, sensor: Sensor) -> Array:

@@ -301,7 +301,10 @@ def _merge_block(
     maps: PixelMaps | None,
     out: Merged,
 ) -> None:
-    """Merge the pixels from `first` on, as many as `out` takes; `maps` are theirs."""
+    """Merge the pixels from `first` on, as many as `out` takes; `maps` are theirs.
+
+    Not written into the parallel loop: there numba takes what is stored in a tuple's arrays for unused, and drops it.
+    """
     frames, n = len(raw_dn), out.value.size
     sample = np.empty((frames, n), np.float32)
     pulled = np.empty(n, np.bool_)

@@ -11,6 +11,7 @@ from processing.errors import CalibrationError, ImageError
 Array = NDArray[np.float64]
 MIN_CORNERS = 6  # of a view: four determine its homography, two more check it
 _WINDOW = 0.35
+_LEAST_SQUARE_PX, _MOST_SQUARE_PX = 24, 256  # below, markers are not read; above, nothing is gained
 _ENLARGE = 3  # a marker cell of less than about three pixels is not read; foreshortened boards have such cells
 
 
@@ -59,12 +60,16 @@ def find_charuco(image: NDArray[np.generic], board: Board) -> BoardView:
     """Corners of a ChArUco board in a gray (h, w) or colour (h, w, 3) image of any scale, to a fraction of a pixel.
 
     Of the image as it is and enlarged three times, the detection with more corners counts; a board that is seen at a
-    slant needs the second. Corners that are not seen are left out; the view may be empty.
+    slant needs the second. It says how the board lies, so that a picture of it from straight ahead can be made, in
+    which the corners are found again: their windows are then alike on all sides and hold nothing but the corner.
+    Corners that are not seen are left out; the view may be empty.
     """
     detector = cv2.aruco.CharucoDetector(board.detector_board())
     gray = gray8(image)
     views = [_detect(detector, gray, board, factor) for factor in (1, _ENLARGE)]
-    return max(views, key=lambda view: len(view.uv_px))
+    slanted = max(views, key=lambda view: len(view.uv_px))
+    straight = _detect_straight(detector, gray, board, slanted)
+    return straight if len(straight.uv_px) >= len(slanted.uv_px) else slanted
 
 
 def _detect(detector: cv2.aruco.CharucoDetector, gray: NDArray[np.uint8], board: Board, factor: int) -> BoardView:
@@ -76,6 +81,39 @@ def _detect(detector: cv2.aruco.CharucoDetector, gray: NDArray[np.uint8], board:
     # resize aligns pixel edges, not centres: (u + 0.5) scales.
     uv_px = (np.asarray(corners, np.float64).reshape(-1, 2) + 0.5) / factor - 0.5
     return BoardView(board.corners_m()[np.asarray(identities).ravel()], uv_px)
+
+
+def _detect_straight(
+    detector: cv2.aruco.CharucoDetector, gray: NDArray[np.uint8], board: Board, slanted: BoardView
+) -> BoardView:
+    """The corners found in the picture that a camera straight before the board would take; none where it fails."""
+    none = BoardView(np.empty((0, 3)), np.empty((0, 2)))
+    if len(slanted.uv_px) < MIN_CORNERS:
+        return none
+    image_from_board = np.asarray(cv2.findHomography(slanted.points_m[:, :2], slanted.uv_px, cv2.LMEDS)[0], np.float64)
+    if image_from_board.shape != (3, 3):  # corners on one line have none
+        return none
+    square_px = _square_px(board, image_from_board)
+    width, height = (board.columns + 1) * square_px, (board.rows + 1) * square_px
+    pitch_m = board.square_m / square_px
+    board_from_straight = np.array([
+        [pitch_m, 0, (1 - width) * pitch_m / 2], [0, -pitch_m, (height - 1) * pitch_m / 2], [0, 0, 1]
+    ])  # fmt: skip
+    image_from_straight = image_from_board @ board_from_straight
+    flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    straight = cv2.warpPerspective(gray, image_from_straight, (width, height), flags=flags, borderValue=128)
+    found = _detect(detector, np.asarray(straight, np.uint8), board, 1)
+    if len(found.uv_px) == 0:
+        return none
+    return BoardView(found.points_m, cv2.perspectiveTransform(found.uv_px[None], image_from_straight)[0])
+
+
+def _square_px(board: Board, image_from_board: NDArray[np.float64]) -> int:
+    """Side of a square in pixels of the straight picture: as long as its longer side in the image, in the middle."""
+    middle = np.array([[[0, 0], [board.square_m, 0], [0, board.square_m]]])
+    origin, right, up = cv2.perspectiveTransform(middle, image_from_board)[0]
+    side_px = max(np.linalg.norm(right - origin), np.linalg.norm(up - origin))
+    return int(np.clip(np.nan_to_num(side_px), _LEAST_SQUARE_PX, _MOST_SQUARE_PX))
 
 
 def find_chessboard(image: NDArray[np.generic], columns: int, rows: int, square_m: float) -> BoardView:

@@ -140,6 +140,19 @@ def test_corners_are_where_the_board_frame_says():
     assert BOARD.corners_m()[0].tolist() == pytest.approx([-0.03, 0.018, 0])
 
 
+def test_corners_of_a_slanted_board():
+    """At 30 deg: squares of 24 x 12 px, marker cells of 3 x 1.5. Without the straight picture the rms is 0.22 px."""
+    camera = camera_rig(np.random.default_rng(5), elevations_deg=(30,)).models["cam0"]
+    errors = []
+    for turn in np.radians([0, 50, 100, 160]):
+        view = find_charuco(photograph_board(BOARD, camera, geometry.rotation_z(turn)), BOARD)
+        errors.append(view.uv_px - camera.project(geometry.transform_points(geometry.rotation_z(turn), view.points_m)))
+    errors = np.concatenate(errors)
+    assert len(errors) > 85  # of 96; 82 without
+    assert np.sqrt(np.mean(errors**2)) < 0.16
+    assert np.mean(np.abs(errors) > 0.2) < 0.1
+
+
 def test_views_that_do_not_determine_the_camera_are_refused():
     rng = np.random.default_rng(0)
     camera = camera_rig(rng, elevations_deg=(88,)).models["cam0"]

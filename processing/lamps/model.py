@@ -17,7 +17,7 @@ from processing.errors import CalibrationError
 Array = NDArray[np.float64]
 INVERSE_SQUARE = 2.0
 # What is believed of a lamp before its light is seen, one sigma.
-DISTANCE_SIGMA = 0.10  # of its nominal distance, relative
+DISTANCE_SIGMA = 0.02  # of its nominal distance, relative: a tape's, to a housing
 DIRECTION_SIGMA_RAD = radians(5.0)  # of its nominal direction
 _SCHEMA = "lamp-models/1"
 

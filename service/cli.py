@@ -173,7 +173,7 @@ def merge(
         bool, typer.Option("--measured-times", help="Of RAW: go by the frames where they contradict their times.")
     ] = False,
     moved: Annotated[
-        bool, typer.Option("--moved", help="Of RAW: merge although the camera moved between them.")
+        bool, typer.Option("--moved", help="Merge although the camera moved between them.")
     ] = False,
     sensor: Annotated[
         Path | None, typer.Option(help="Of RAW: the camera's measured sensor, a folder products/sensors/SERIAL.")

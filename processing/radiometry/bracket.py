@@ -13,12 +13,14 @@ from processing.errors import ImageError
 from processing.formats.exr import ExrImage, write_exr
 from processing.formats.photo import Photograph, read_photo
 from processing.formats.raw import RawImage, map_raw
+from processing.radiometry.alignment import shift_error
 from processing.radiometry.defects import fill_hot_pixels
 from processing.radiometry.display import tonemap
 from processing.radiometry.exposure import ExposureTimes
 from processing.radiometry.grey_patch import GreyPatch, measure_grey_patch
 from processing.radiometry.hdr import PixelStatus, Radiance
 from processing.radiometry.mosaic import demosaic, white_balance
+from processing.radiometry.photograph_shift import photograph_shift
 from processing.radiometry.photographs import merge_photographs
 from processing.radiometry.response import Response
 from processing.radiometry.response_file import write_response
@@ -78,9 +80,9 @@ def merge_files(
 ) -> MergedImage:
     """Merge bracketed files, given in any order, each read once, or less where parts of a RAW file tell nothing.
 
-    RAW files whose frames contradict their exposure times, or show that the camera moved, are an error unless the
-    `options` take them. `sensor` is the camera's own as measured, for RAW files alone; photographs give their camera's
-    `response`, or use the given one.
+    RAW files whose frames contradict their exposure times, and files of either kind that show that the camera moved,
+    are an error unless the `options` take them. `sensor` is the camera's own as measured, for RAW files alone;
+    photographs give their camera's `response`, or use the given one.
     Raises CalibrationError where that is another camera's, ISO's or size's; ImageError that names the files: none
     given, one named twice, RAW and pictures mixed, different sizes, cameras, ISO or apertures, missing or equal
     exposure times, or a file that cannot be read.
@@ -96,7 +98,7 @@ def merge_files(
         raise ImageError(f"{paths[0]} is no RAW file; a measured sensor is of use with the sensor's own counts only.")
     if response is not None and any(raw):
         raise ImageError(f"{paths[0]} is RAW, linear as it is: it needs no response.")
-    return _merge_raw(paths, options, sensor) if all(raw) else _merge_photographs(paths, response)
+    return _merge_raw(paths, options, sensor) if all(raw) else _merge_photographs(paths, response, options)
 
 
 def _merge_raw(paths: Sequence[Path], options: MergeOptions, sensor: SensorCalibration | None) -> MergedImage:
@@ -126,7 +128,7 @@ def _merge_raw(paths: Sequence[Path], options: MergeOptions, sensor: SensorCalib
     )
 
 
-def _merge_photographs(paths: Sequence[Path], response: Response | None) -> MergedImage:
+def _merge_photographs(paths: Sequence[Path], response: Response | None, options: MergeOptions) -> MergedImage:
     frames = {path: read_photo(path) for path in paths}
     if len(paths) < 2 and response is None:
         raise ImageError(f"{paths[0]}: one photograph has no bracket; give two or more exposures, or a saved response.")
@@ -139,6 +141,10 @@ def _merge_photographs(paths: Sequence[Path], response: Response | None) -> Merg
     order = sorted(paths, key=lambda path: stated[path])
     stack = np.stack([frames[path].srgb8 for path in order])
     merged = merge_photographs(stack, [stated[path] for path in order], response, [str(path) for path in order])
+    for pair in itertools.pairwise(range(len(order))):
+        shift = photograph_shift(stack[list(pair)], merged.response, pair)
+        if shift.refused and not options.moved:
+            raise shift_error(shift, [str(path) for path in order])
     exposure_s = tuple(frames[path].exposure_s for path in order)
     absolute = all(np.isfinite(frames[paths[0]].iso) and frames[path].f_number > 0 for path in paths)
     exposures = PhotographExposures(tuple(stated[path] for path in order), tuple(merged.exposure), absolute)

@@ -219,3 +219,15 @@ def test_a_grey_patch_balances_raw_and_is_recorded(tmp_path):
     metadata = read_exr(tmp_path / "out.exr").metadata
     assert metadata["greyPatch"] == "16,16,24,12"
     assert metadata["greyMultipliers"].count("+-") == 3
+
+
+def test_photographs_that_moved_are_an_error_or_taken_as_they_are(tmp_path):
+    radiance, files = scene(0, (200, 300)), []
+    for i, time in enumerate((0.25, 1.0, 4.0)):
+        path = tmp_path / f"{i}.jpg"
+        path.write_bytes(camera().photograph(np.roll(radiance, 2 * (i == 2), axis=1), time, ("moved", i)))
+        files.append(path)
+    with pytest.raises(ImageError, match=r"1.jpg and .*2.jpg: the picture moved by [12]\.\d px"):
+        merge_files(files)
+    assert merge_files(files, MergeOptions(moved=True)).radiance.count(PixelStatus.OK) > 0
+    write_merged(merge_files(files[:2]), tmp_path / "still.exr")

@@ -54,6 +54,7 @@ def commands(page):
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "sh")], ids=page_name)
+@pytest.mark.timeout(400)  # a capture, its products and pictures, step after step
 def test_every_command_runs(page, tmp_path):
     """In one folder, in the page's order; a block that cannot be run says why in a comment above it."""
     (tmp_path / "docs").symlink_to(ROOT / "docs")

@@ -209,8 +209,13 @@ def plan_data(plan: Plan) -> dict[str, Any]:
 
 
 def plan_sha256(plan: Plan) -> str:
-    """Hex digest of the plan's canonical JSON (sorted keys, no white space)."""
-    return hashlib.sha256(canonical_json(plan_data(plan)).encode()).hexdigest()
+    """Identity of a plan: `content_sha256` of its data."""
+    return content_sha256(plan_data(plan))
+
+
+def content_sha256(data: object) -> str:
+    """Hex digest of the data's canonical JSON (sorted keys, no white space)."""
+    return hashlib.sha256(canonical_json(data).encode()).hexdigest()
 
 
 def canonical_json(data: object) -> str:

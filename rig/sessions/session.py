@@ -20,7 +20,7 @@ from rig.sessions import store
 from rig.sessions.forecast import Forecast, forecast
 from rig.sessions.journal import Journal, JournalEvent, utc_now
 from rig.sessions.lock import hold, is_held
-from rig.sessions.plan import Plan, parse_plan, plan_data, plan_sha256
+from rig.sessions.plan import Plan, content_sha256, parse_plan, plan_data, plan_sha256
 from rig.sessions.planner import Schedule, schedule
 from rig.sessions.states import ACTIVE, State
 from rig.sessions.step import Step
@@ -243,7 +243,8 @@ def _read_plan(folder: Path, about: Mapping[str, Any]) -> tuple[Plan, RigConfig]
         plan, config = parse_plan(about["plan"], source=str(path)), RigConfig.model_validate(about["rig"])
     except (PlanError, ValidationError) as error:
         raise StoreError(f"{path}: the plan or the rig in it is malformed: {error}") from error
-    if plan_sha256(plan) != about["plan_sha256"]:
+    # Of the plan as it was written: fields that later versions add, with their defaults, do not count as a change.
+    if content_sha256(about["plan"]) != about["plan_sha256"]:
         raise StoreError(f"{path}: the plan was changed after the session was created: its hash differs.")
     return plan, config
 

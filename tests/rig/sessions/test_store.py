@@ -16,6 +16,7 @@ from rig.errors import BusyError, DiskFullError, MissingFrameError, PlanError, R
 from rig.sessions import Runner, Session, State, hold_rig, parse_plan
 from rig.sessions import store as frame_store
 from rig.sessions.journal import Journal
+from rig.sessions.plan import content_sha256
 from tests.rig.sessions.fake_rig import MDF, PLANS, config, fake_rig
 from tests.rig.sessions.test_plan import changed
 
@@ -175,6 +176,15 @@ def test_a_malformed_folder_is_refused_with_one_message(folder, spoil, says):
     with pytest.raises(StoreError, match=says) as caught:
         Session.open(folder)
     assert str(folder) in str(caught.value)
+
+
+def test_a_session_of_before_a_plan_had_a_field_still_opens(folder):
+    """Its plan is what was written then; the field has its default."""
+    plan = json.loads((folder / "session.json").read_text())["plan"]
+    assert plan.pop("camera") == "front"
+    edit(folder, plan=plan, plan_sha256=content_sha256(plan))
+    with Session.open(folder) as session:
+        assert session.plan == parse_plan(PLANS["srf"])
 
 
 def edit(folder, **fields):

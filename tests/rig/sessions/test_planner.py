@@ -175,6 +175,10 @@ def test_what_the_geometry_cannot_use_is_skipped_with_its_reason():
     assert [skip.what for skip in before.skipped] == ["turntable 0 deg, light azimuth 0 deg"]
     arm = schedule(parse_plan(changed("srf", arm_deg=[-10, 0, 10])), CONFIG)
     assert "before camera front" in arm.skipped[0].reason
+    still = schedule(parse_plan(changed("lamps", arm_deg=[])), CONFIG)
+    assert [(skip.what, "arm_deg" in skip.reason) for skip in still.skipped] == [("lamp led", True)]
+    level = schedule(parse_plan({k: v for k, v in PLANS["lamps"].items() if k != "mirror"}), CONFIG)
+    assert [(skip.what, "white plate" in skip.reason) for skip in level.skipped] == [("lamp led", True)]
     assert {round(degrees(step.axes_rad["arm"])) for step in arm.steps} == {-10, 10}
 
 

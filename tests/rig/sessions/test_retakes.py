@@ -116,6 +116,23 @@ def test_a_short_exposure_may_be_dark(new_session):
     assert ["no light" in event.text for event in session.events() if event.kind == "warning"] == [True]
 
 
+def spotted(side):
+    """A dark frame with a bright square of this side, as a lamp in a mirror ball is; a hot pixel has side 1."""
+    mosaic = np.full((60, 80), 256, np.uint16)
+    mosaic[10 : 10 + side, 13 : 13 + side] = 2000
+    data = dng(mosaic, noise_profile=(1e-4, 6.8e-8))
+    return lambda frames: [remade(frame, data=data) for frame in frames]
+
+
+@pytest.mark.parametrize(("side", "retakes"), [(1, 1), (2, 0)])
+def test_a_spot_is_light_and_a_hot_pixel_is_none(new_session, side, retakes):
+    session = new_session(SMALL)
+    rig, _ = fake_rig(CONFIG)
+    rig.cameras["front"].spoil = [spotted(side)]
+    assert Runner(session, rig).run().state is State.FINISHED
+    assert len([event for event in session.events() if event.kind == "retake"]) == retakes
+
+
 def test_a_saturated_frame_is_a_warning(new_session):
     session = new_session(changed("srf", arm_deg=[-30, 30], exposures_s=[0.2]))
     rig, _ = fake_rig(CONFIG)

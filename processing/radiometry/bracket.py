@@ -147,7 +147,7 @@ def _merge_photographs(paths: Sequence[Path], response: Response | None, options
             raise shift_error(shift, [str(path) for path in order])
     exposure_s = tuple(frames[path].exposure_s for path in order)
     absolute = all(np.isfinite(frames[paths[0]].iso) and frames[path].f_number > 0 for path in paths)
-    exposures = PhotographExposures(tuple(stated[path] for path in order), tuple(merged.exposure), absolute)
+    exposures = PhotographExposures(tuple(stated[path] for path in order), tuple(merged.exposure.tolist()), absolute)
     recovered = replace(merged.response, camera=camera)
     return MergedImage(merged.radiance, exposure_s, tuple(order), camera, np.eye(3), recovered, photographs=exposures)
 

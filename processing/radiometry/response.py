@@ -34,6 +34,11 @@ _SLOPE = 0.2  # of the start's: no round may flatten the curve further
 # Of the log exposure: JPEG averages codes over texture, and a bent curve does not commute with that. Measured on the
 # simulated camera.
 _MIXING = 0.0015
+_NO_RESPONSE = (
+    "no response fits the photographs: they differ by more than exposure (another scene or framing), or show too few "
+    "shades to tell. Give a response saved from another bracket of this camera."
+)
+_NOISIEST_DN = 12.0  # codes: no camera's noise, but pictures that do not agree
 _START_DEGREE, _START_ROUNDS, _START_HUBER = 5, 12, 2.0
 
 
@@ -107,8 +112,8 @@ def recover_response(stack: NDArray[np.uint8], exposure: Array) -> tuple[Respons
         if np.abs(basis[_FIT[0] : _FIT[1]] @ (fit.coefficients - last.coefficients).T).max() < _STILL:
             break
     curves = nominal[:, None] + basis @ fit.coefficients.T
-    if not (np.diff(curves[_FIT[0] : _FIT[1]], axis=0) > 0).all():
-        raise ImageError("no increasing response fits the photographs; were they taken of the same scene and framing?")
+    if not (np.diff(curves[_FIT[0] : _FIT[1]], axis=0) > 0).all() or np.median(noise[0]) > _NOISIEST_DN:
+        raise ImageError(_NO_RESPONSE)
     curves = _rising(curves, floor)  # where it is extrapolated
     variance = np.einsum("zi,cij,zj->zc", basis, fit.covariance, basis) + (_MIXING * curves) ** 2
     return Response(curves, np.sqrt(variance), *noise), fit.log_time
@@ -207,7 +212,7 @@ def _start(stack: NDArray[np.uint8], exposure: Array) -> Array:
         curve = nominal - nominal[MIDDLE] + basis @ _robust_fit(cells, nominal, basis)
         if (np.diff(curve) > 0).all():
             return np.asarray(curve, np.float64)
-    raise ImageError("no increasing response fits the photographs; were they taken of the same scene and framing?")
+    raise ImageError(_NO_RESPONSE)
 
 
 def _hat() -> Array:

@@ -85,6 +85,14 @@ def test_pictures_without_overlap_have_no_response():
         recover_response(np.concatenate([grey * 0, grey * 0 + 255]), np.array([1.0, 2.0]))
 
 
+def test_pictures_of_different_scenes_or_without_shades_have_no_response():
+    times = np.array([0.25, 1.0, 4.0])
+    with pytest.raises(ImageError, match="no response fits"):
+        recover_response(np.concatenate([bracket(camera(), scene(i), times[i : i + 1]) for i in range(3)]), times)
+    with pytest.raises(ImageError, match=r"no response fits|overlap"):
+        recover_response(bracket(camera(), np.full((48, 48, 3), 1.0), times), times)
+
+
 def test_a_saved_response_is_the_same(tmp_path):
     truth, plain = log_exposure("film"), np.ones((256, 3))
     truth[0] = truth[1] - 1

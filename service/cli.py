@@ -172,9 +172,7 @@ def merge(
     measured_times: Annotated[
         bool, typer.Option("--measured-times", help="Of RAW: go by the frames where they contradict their times.")
     ] = False,
-    moved: Annotated[
-        bool, typer.Option("--moved", help="Merge although the camera moved between them.")
-    ] = False,
+    moved: Annotated[bool, typer.Option("--moved", help="Merge although the camera moved between them.")] = False,
     sensor: Annotated[
         Path | None, typer.Option(help="Of RAW: the camera's measured sensor, a folder products/sensors/SERIAL.")
     ] = None,

@@ -31,14 +31,14 @@ from tests.public_data import DATA
 from tests.reference.camera_rig import SAMPLE, TURNS_DEG, CameraRig, bound_px, camera_rig, normalised_errors
 
 NOISE_PX = 0.1
-SEED = 1  # of the simulated rig
+SEEDS = 11, 12, 13  # of simulated rigs; the detection of corners was made with others
 Value = TypeVar("Value")
 
 
 def run(*, quick: bool) -> Result:
     """All figures of cameras and axis; quick with fewer seeds, and with three cameras of the arc for the frames."""
     names = [f"cam{i}" for i in ((1, 4, 7) if quick else range(8))]
-    return joined([synthetic(3 if quick else 20), frames(names), bouguet()])
+    return joined([synthetic(3 if quick else 20), rendered(names, SEEDS[:1] if quick else SEEDS), bouguet()])
 
 
 def synthetic(seeds: int) -> Result:
@@ -77,10 +77,17 @@ def _alone(rig: CameraRig, name: str, found: Mapping[Shot, BoardView]) -> np.nda
     return cv2.projectPoints(on_board, turns[flat], shifts[flat], matrix, distortion)[0][:, 0] - rig.sample_px(name)
 
 
-def frames(names: Sequence[str]) -> Result:
-    """Boards photographed by the simulated rig, whose truth is known."""
+def rendered(names: Sequence[str], seeds: Sequence[int]) -> Result:
+    """Boards photographed by simulated rigs, whose truth is known; rms over the rigs."""
+    found = [frames(names, seed) for seed in seeds]
+    figures = {name: rms([[result.figures[name]] for result in found]) for name in found[0].figures}
+    return Result(figures, [row for result in found for row in result.rows])
+
+
+def frames(names: Sequence[str], seed: int) -> Result:
+    """One rig."""
     with tempfile.TemporaryDirectory() as folder:
-        optics = Optics(SEED, "small", Path(folder))
+        optics = Optics(seed, "small", Path(folder))
         shots = [Shot(pose) for pose in range(8)] + [Shot(0, float(np.radians(angle))) for angle in TURNS_DEG]
         images = {name: {shot: photograph(optics, name, shot) for shot in shots} for name in names}
     layout = optics.layout
@@ -95,7 +102,7 @@ def frames(names: Sequence[str]) -> Result:
     found, seconds = timed(lambda: survey(views, sizes).facing(names))
     off_um = [texel_errors_m(found.cameras[name], layout.cameras[name]) * 1e6 for name in names]
     along = found.axis.direction @ layout.rig_from_board(0)[2, :3]
-    same = {"input": f"{len(names)} cameras x {len(shots)} rendered boards"}
+    same = {"input": f"{len(names)} cameras x {len(shots)} rendered boards, rig {seed}"}
     return Result({"pose_error_um": float(np.sqrt(2) * rms(off_um)),
                    "axis_error_deg": float(np.degrees(np.arccos(min(along, 1.0))))}, [
         {"method": "find_charuco", "seconds": detection_s, **same},

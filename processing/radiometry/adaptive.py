@@ -70,7 +70,8 @@ def merge_adaptively(
     Within every tile the rms difference to the merge of all samples is under `share` of the standard deviation. A
     first frame, the one that most levels need, gives each tile's range of radiance, with noise margins; frames that
     matter within that range are read, and narrow it. Tiles of the `survey` are read of all frames. Elsewhere frames on
-    disk are not touched, but the system reads whole pages. Share 0 reads all. `linear_dn` makes counts linear.
+    disk are not touched, but the system reads whole pages. Share 0 leaves out what is saturated beyond doubt alone.
+    `linear_dn` makes counts linear.
     Raises ImageError where frames, exposures and correction do not fit together.
     """
     times = np.asarray(exposure_s, np.float64)

@@ -57,7 +57,8 @@ def without_hot_pixels(mosaic: Radiance) -> Radiance:
 def fill_hot_pixels(mosaic: Radiance) -> Radiance:
     """The mosaic (h, w) with a guess in each pixel of status HOT, for pictures: the mean of like-coloured neighbours.
 
-    Its variance is that of the neighbours about their mean, and their own. The status stays.
+    Its variance is that of their mean, and what their spread beyond their noise lets expect of one more. Fewer than
+    two neighbours give no guess. The status stays.
     """
     value, variance = mosaic.value.copy(), mosaic.variance.copy()
     places = np.argwhere(mosaic.status == PixelStatus.HOT)
@@ -65,8 +66,11 @@ def fill_hot_pixels(mosaic: Radiance) -> Radiance:
     inside = ((near >= 0) & (near < mosaic.value.shape)).all(axis=-1)
     y, x = np.moveaxis(np.where(inside[..., None], near, places[:, None]), -1, 0)
     neighbours = np.ma.masked_invalid(mosaic.value[y, x])
-    spread = neighbours.var(axis=1) + np.ma.masked_invalid(mosaic.variance[y, x]).mean(axis=1)
-    value[tuple(places.T)] = neighbours.mean(axis=1).filled(np.nan)
+    noise = np.ma.masked_invalid(mosaic.variance[y, x]).mean(axis=1)
+    known = neighbours.count(axis=1)
+    texture = np.ma.maximum(neighbours.var(axis=1, ddof=1) - noise, 0)  # none where fewer than two are known
+    spread = (texture * (known + 1) + noise) / np.maximum(known, 1)
+    value[tuple(places.T)] = np.ma.masked_where(spread.mask, neighbours.mean(axis=1)).filled(np.nan)
     variance[tuple(places.T)] = spread.filled(np.nan)
     return Radiance(value, variance, mosaic.status)
 

@@ -29,7 +29,8 @@ _TILES = 3, 4
 _ROUNDS, _CLIMBING = 10, 4
 _GRID = 4000
 _STILL = 5e-4  # change of log exposure that ends the rounds
-_TIME_SIGMA = 0.003, 0.001  # of a stated exposure, to begin with; of few, which cannot contradict it
+# Of a stated exposure, to begin with; of few, which no smoothness of the curve may change.
+_TIME_SIGMA = 0.003, 0.001
 _SLOPE = 0.2  # of the start's: no round may flatten the curve further
 # Of the log exposure: JPEG averages codes over texture, and a bent curve does not commute with that. Measured on the
 # simulated camera.

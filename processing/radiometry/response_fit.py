@@ -18,6 +18,8 @@ _SHARED, _OWN = (3, 3.0, 8.0), (2, 2.0, 9.0)  # order of the penalised differenc
 _TILT = 0.03  # share of the first differences in the penalty on the channels' own deviations
 _TIME_SIGMA = 0.002, 0.5  # how well a stated exposure is believed, at best and at worst
 JUDGED_FRAMES = 4  # fewer cannot tell a wrong exposure from a bent curve
+# Of a stated exposure that cannot be judged: rounded labels alone (1/60 for 1/64) are off by as much.
+_UNJUDGED_SIGMA = 0.04
 _RIDGE = 1e-3  # for what neither data nor penalty determine: against 1 in log exposure
 _TRUNCATED = 0.9733  # variance of a normal distribution within three standard deviations
 
@@ -101,14 +103,22 @@ def smooth_curves(equations: list[Equations], present: Smooth, *, climb: bool) -
     smoothness = _climb(joint, right, penalties, present.smoothness) if climb else present.smoothness
     factor = cholesky(_precision(joint, penalties, smoothness), lower=True)
     solution = cho_solve((factor, True), right)
-    covariance = np.stack([take @ cho_solve((factor, True), take.T) for take in takes])[:, :size, :size]
+    spread = cho_solve((factor, True), np.eye(len(joint)))
     log_time = solution[times]
     time_sigma = present.time_sigma
     if frames >= JUDGED_FRAMES:
-        time_variance = np.diag(cho_solve((factor, True), np.eye(len(joint))[:, times])[times])
-        time_sigma = _believed(log_time, time_variance, time_sigma)
+        time_sigma = _believed(log_time, np.diag(spread)[times], time_sigma)
+    else:
+        spread = _with_unjudged_times(spread, times)
+    covariance = np.stack([take @ spread @ take.T for take in takes])[:, :size, :size]
     curves = np.stack([(take @ solution)[:size] for take in takes])
     return Smooth(curves, covariance, log_time, time_sigma, smoothness)
+
+
+def _with_unjudged_times(covariance: Array, times: NDArray[np.intp]) -> Array:
+    """The covariance, where log times may be off by more than the fit believed: what follows them moves with them."""
+    follows = np.linalg.solve(covariance[np.ix_(times, times)], covariance[times])
+    return np.asarray(covariance + _UNJUDGED_SIGMA**2 * follows.T @ follows, np.float64)
 
 
 def believed_times(equations: list[Equations], log_time: Array, time_sigma: Array) -> tuple[Array, Array]:

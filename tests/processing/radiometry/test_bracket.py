@@ -138,13 +138,16 @@ def test_a_real_room_is_consistent_over_its_exposures():
 
 @pytest.mark.skipif(not ROOM.is_dir(), reason=f"no photographs at {ROOM.parent.name}/{ROOM.name}")
 def test_parts_of_a_real_bracket_give_one_response_within_its_deviation():
-    """Every second of seven exposures, and the four longest, against all; the flicker of 1/1000 s is found."""
+    """Every second of seven exposures, and the four longest, against all; the flicker of 1/1000 s is found.
+
+    Three exposures cannot find it: their response is off by much, and says so.
+    """
     files = sorted(ROOM.glob("*.jpg"))  # the longest first
     whole = merge_files(files)
     log_error = np.log(np.divide(whole.photographs.measured, whole.photographs.stated))
     assert 0.1 < log_error[1] < 0.2
     assert np.abs(log_error[2:]).max() < 0.02
-    for part in (files[::2], files[:4]):
+    for part in (files[::2], files[1::2], files[:4]):
         response = merge_files(part).response
         difference = (response.log_exposure - whole.response.log_exposure)[12:240]
         sigma = np.hypot(response.log_exposure_sigma, whole.response.log_exposure_sigma)[12:240]

@@ -9,16 +9,10 @@ from processing.radiometry import response_kernel
 from processing.radiometry.response import Response, exposure_errors, recover_response, srgb_log_exposure
 from processing.radiometry.response_file import read_response, write_response
 from simulators.picture import log_exposure
-from tests.processing.radiometry.pictures import bracket, camera, scene
+from tests.processing.radiometry.pictures import INSIDE, bracket, camera, curve_rms, scene
 from tests.reference import photographs as reference
 
 FIVE = 4.0 ** np.arange(-2, 3)
-INSIDE = slice(20, 236)  # what OpenCV determines too
-
-
-def curve_rms(curve, truth):
-    error = (curve - truth)[INSIDE]
-    return float(np.sqrt(np.mean((error - error.mean(axis=0)) ** 2)))
 
 
 @pytest.mark.parametrize("curve", ["gamma", "shoulder", "film", "flat", "linear"])
@@ -77,6 +71,16 @@ def test_a_wrong_exposure_is_found_and_does_not_bend_the_curve():
     assert curve_rms(response.log_exposure, log_exposure("filmic")) < 0.02
     again = exposure_errors(stack, times, response)
     np.testing.assert_allclose(again - np.median(again), np.log(true / times), atol=0.02)
+
+
+@pytest.mark.parametrize("wrong", [[1, 1.05], [1.04, 0.96], [0.96, 1, 1.04]])
+def test_times_of_few_exposures_may_be_off_and_the_deviation_says_so(wrong):
+    """Labels of shutter and aperture are rounded by some percent, which two or three exposures cannot tell."""
+    times = 2.0 ** np.arange(len(wrong))
+    response, _ = recover_response(bracket(camera("filmic"), scene(4), times * wrong), times)
+    error = (response.log_exposure - log_exposure("filmic"))[INSIDE]
+    assert np.sqrt(np.mean(error**2)) > 0.01
+    assert np.sqrt(np.mean((error / np.maximum(response.log_exposure_sigma[INSIDE], 1e-4)) ** 2)) < 2
 
 
 def test_pictures_without_overlap_have_no_response():

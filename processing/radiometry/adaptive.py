@@ -98,7 +98,11 @@ def survey(shape: tuple[int, ...]) -> Tiles:
 
 
 def survey_patches(frames: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
-    """The surveyed patches of all frames, (k, n, h, w); of images without a whole one, the images."""
+    """The surveyed patches of all frames, (k, n, h, w); of images without a whole one, the images.
+
+    Raises ImageError where the frames are none, of different sizes, or no whole counts.
+    """
+    _check_frames(frames)
     corners = PATCH_PX * np.argwhere(_picked(frames[0].shape))
     patches = [(slice(row, row + PATCH_PX), slice(column, column + PATCH_PX)) for row, column in corners]
     whole = [patch for patch in patches if frames[0][patch].shape == (PATCH_PX, PATCH_PX)]
@@ -122,12 +126,18 @@ def tile_slices(tile: tuple[int, int]) -> tuple[slice, slice]:
     return slice(row, row + TILE_PX), slice(column, column + TILE_PX)
 
 
+def _check_frames(frames: Sequence[NDArray[np.uint16]]) -> None:
+    shapes, types = {frame.shape for frame in frames}, {frame.dtype for frame in frames}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2:
+        raise ImageError(f"frames of {sorted(shapes)}; one or more of equal (h, w) are needed.")
+    if types != {np.dtype(np.uint16)}:  # others would be cut to it in silence
+        raise ImageError(f"frames of {', '.join(sorted(map(str, types)))}; whole counts, uint16, are needed.")
+
+
 def _check(frames: Sequence[NDArray[np.uint16]], times: Array, share: float) -> None:
-    shapes = {frame.shape for frame in frames}
-    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or times.shape != (len(frames),):
-        raise ImageError(
-            f"frames of {sorted(shapes)} with {times.size} exposure times; equal (h, w) and as many needed."
-        )
+    _check_frames(frames)
+    if times.shape != (len(frames),):
+        raise ImageError(f"{len(frames)} frames with {times.size} exposure times; as many are needed.")
     if not (np.isfinite(times) & (times > 0)).all():
         raise ImageError(f"exposure times must be positive and finite, not {times.tolist()} s.")
     if not 0 <= share < 1:

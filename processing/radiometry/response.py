@@ -91,7 +91,8 @@ def recover_response(stack: NDArray[np.uint8], exposure: Array) -> tuple[Respons
     `stack` (k, h, w, channels) holds the same scene at different exposures. As Debevec and Malik 1997, but with all
     pixels (thinned to some ten thousand), each with its radiance eliminated and its samples weighed by variance, and
     with g as the sRGB curve plus a spline whose smoothness the evidence chooses: with exposures in one constant ratio
-    a free curve is determined only up to a periodic part. Channels share a curve as far as the data say so.
+    a free curve is determined only up to a periodic part. Channels share a curve as far as the data say so. Fewer than
+    four exposures cannot be judged: the curve goes by them as stated, and its deviation allows for labels 4 % off.
     Raises ImageError where no pair of exposures overlaps or the curve found does not increase.
     """
     pixels, tile = _samples(stack)

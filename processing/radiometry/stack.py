@@ -69,9 +69,10 @@ DEFAULTS = MergeOptions()
 def merge_stack(exposures: Exposures, options: MergeOptions = DEFAULTS) -> MergedExposures:
     """Merge by the times that the frames themselves confirm, reading what changes the result; hot pixels are left out.
 
-    Departures of the times beyond the noise are corrected. Raises ImageError that names the frames, unless the options
-    say otherwise, where times are wrong by more than `exposure.GROSS` or the picture moved by more than
-    `alignment.REFUSED_PX`, both beyond doubt.
+    Departures of the times beyond the noise are corrected; what remains of them, `times.sigma`, is common to all pixels
+    and not in the radiance's variance. Raises ImageError where the frames are none or do not fit together; and one that
+    names them, unless the options say otherwise, where times are wrong by more than `exposure.GROSS` or the picture
+    moved by more than `alignment.REFUSED_PX`, both beyond doubt.
     """
     linear_dn = exposures.linear_dn or np.asarray
     patches = linear_dn(survey_patches(exposures.frames))

@@ -170,6 +170,7 @@ def test_what_does_not_fit_is_refused():
         ([], [], 0.1),
         ([frame], [np.nan], 0.1),
         ([frame], [1], 1.0),
+        ([frame.astype(np.float32)], [1], 0.1),
     ):
         with pytest.raises(ImageError):
             merge_adaptively(frames, times, SENSOR, share=share)

@@ -95,3 +95,10 @@ def test_frames_of_the_simulated_rig_are_consistent_and_read_in_part(tmp_path):
     saturated = whole.status == PixelStatus.SATURATED
     hot = found.radiance.status == PixelStatus.HOT
     np.testing.assert_array_equal((found.radiance.status == PixelStatus.SATURATED)[~hot], saturated[~hot])
+
+
+def test_frames_that_are_no_stack_are_refused():
+    raw = photograph(SCENE, EXPOSURE_S[:2], np.random.default_rng(0))
+    for frames in ([raw[0], raw[1, :50]], [], [raw[0], raw[1].astype(np.float32)]):
+        with pytest.raises(ImageError, match="needed"):
+            merged(frames, EXPOSURE_S[:2])

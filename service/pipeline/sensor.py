@@ -27,7 +27,7 @@ def make_sensors(session: Session, progress: Progress) -> list[Path]:
 def _make_sensor(session: Session, records: Sequence[FrameRecord]) -> Path:
     first = read_raw(records[0].path)
     folder = session.products / SENSORS / (first.serial or records[0].camera)
-    if is_current(folder, inputs := fingerprint(records, {})):
+    if is_current(folder, inputs := fingerprint(records, {})) and (folder / PICTURE).is_file():
         return folder
     try:
         measurement = measure_sensor(

@@ -38,7 +38,7 @@ def read_session(session_id: str, host: Host) -> dict[str, Any]:
         return {
             "id": session_id, "kind": session.plan.kind, "state": state, "allowed": allowed(state),
             "done": len(session.done()), "total": len(session.steps),
-            "products": sorted(path.parent.name for path in session.products.glob("*/product.json")),
+            "products": _products(session.products),
         }  # fmt: skip
 
 
@@ -64,6 +64,12 @@ def read_frame(session_id: str, step: str, camera: str, host: Host) -> Response:
     """One frame as a picture; of a burst the brightest moment of every pixel."""
     with host.open(session_id) as session:
         return Response(frame_png(_record_path(session, step, camera)), media_type="image/png")
+
+
+def _products(folder: Path) -> list[str]:
+    """Names of what was made; of sensors, one for each serial number, below a folder of their own."""
+    found = [*folder.glob("*/product.json"), *folder.glob("*/*/product.json")]
+    return sorted(path.parent.relative_to(folder).as_posix() for path in found)
 
 
 def _entry(session_id: str, host: SessionHost) -> dict[str, Any]:

@@ -102,12 +102,25 @@ def held_board(rng):
     return geometry.rigid_from_vectors(axis, shift) @ geometry.rotation_z(spin)
 
 
-def bound_px(rig, noise_px, *, believed):
-    """Least standard deviation (cameras, points, 2) of predicted sample points: sigma sqrt(diag G (J'J)^-1 G').
+def bounds_px(rig, noise_px):
+    """Least standard deviations (cameras, points, 2) of predicted sample points: sigma sqrt(diag G (J'J)^-1 G').
 
-    J and G are the corners' and the sample points' derivatives by all parameters, by differences. With `believed` the
-    estimator's priors count as observations (van Trees 1968): then it holds on average over lenses drawn from them.
+    The second ones count the estimator's priors as observations (van Trees 1968): they hold on average over lenses
+    drawn from these.
     """
+    jacobian, lifted = _derivatives(rig)
+    information = jacobian.T @ jacobian / noise_px**2
+    return tuple(_predicted_sigma(lifted, one) for one in (information, information + _beliefs(rig.network)))
+
+
+def _predicted_sigma(lifted, information):
+    scale = 1 / np.sqrt(np.diag(information))
+    spread = (lifted * scale) @ np.linalg.inv(information * np.outer(scale, scale)) * (lifted * scale)
+    return np.sqrt(spread.sum(axis=1)).reshape(-1, len(SAMPLE), 2)
+
+
+def _derivatives(rig):
+    """Of all corners in view, and of the sample points, by all parameters: central differences."""
     cameras = list(rig.network.cameras)
     seen = {name: [inside(rig.corners(name, shot)) for shot in rig.shots] for name in cameras}
     owners = {i: name for name, place in rig.network.camera_slices().items() for i in range(place.start, place.stop)}
@@ -120,13 +133,7 @@ def bound_px(rig, noise_px, *, believed):
             if owners.get(i, name) == name:
                 for block, predicted in zip(blocks, (_corners, _sample), strict=True):
                     block[c][:, i] = (predicted(ahead, name, seen) - predicted(behind, name, seen)) / (2 * step)
-    jacobian, lifted = map(np.concatenate, blocks)
-    information = jacobian.T @ jacobian / noise_px**2
-    if believed:
-        information += _beliefs(rig.network)
-    scale = 1 / np.sqrt(np.diag(information))
-    spread = (lifted * scale) @ np.linalg.inv(information * np.outer(scale, scale)) * (lifted * scale)
-    return np.sqrt(spread.sum(axis=1)).reshape(len(rig.network.cameras), -1, 2)
+    return tuple(map(np.concatenate, blocks))
 
 
 def _corners(rig, name, seen):

@@ -23,6 +23,8 @@ SMALL_BTF = {
     "exposures_s": [0.02],
     "texels": 8,
 }
+LONG_BTF = SMALL_BTF | {"exposures_s": [0.01 + 0.001 * k for k in range(8)]}  # not over before it is acted upon
+LONG_STEPS = 32
 CALIBRATE = {
     "kind": "calibrate",
     "board_poses": 4,
@@ -30,6 +32,13 @@ CALIBRATE = {
     "light_arc_deg": 60,
     "cameras": ["cam4", "cam7"],
     "exposure_s": 0.05,
+}
+SENSOR = {
+    "kind": "sensor",
+    "cameras": ["cam4"],
+    "dark_exposures_s": [0.001, 0.5, 2.0],
+    "flat_exposures_s": [0.01, 0.05, 0.1, 0.15, 0.2, 0.25, 0.33, 0.4, 0.5],
+    "repeats": 2,
 }
 
 
@@ -49,6 +58,17 @@ def wait_for(client) -> Callable[..., dict]:
                 return found
             time.sleep(0.05)
         raise AssertionError(f"{session} is {found['state']}, not {states}")
+
+    return wait
+
+
+@pytest.fixture
+def wait_for_step(client) -> Callable[[str], None]:
+    """Until one step is taken: everything is mounted, so that a session may be paused."""
+
+    def wait(session: str) -> None:
+        while client.get(f"{API}/sessions/{session}").json()["done"] == 0:
+            time.sleep(0.02)
 
     return wait
 

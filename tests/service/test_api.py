@@ -14,7 +14,7 @@ from processing.products import BlinnPhong, Srf
 from rig.config import load_config
 from rig.sessions import Session, parse_plan
 from service.app import create_app
-from tests.service.conftest import API, CALIBRATE, LIVE, ORIGIN, ROOT_OPENAPI, SMALL_BTF
+from tests.service.conftest import API, CALIBRATE, LIVE, LONG_BTF, LONG_STEPS, ORIGIN, ROOT_OPENAPI, SENSOR, SMALL_BTF
 
 
 def problem(reply, status, code):
@@ -96,9 +96,9 @@ def test_a_session_runs_to_its_end_and_tells_it_live(client, start_session, wait
     problem(client.get(f"{API}/sessions/{session}/frames/none/cam1.png"), 404, "not-found")
 
 
-def test_pause_holds_the_rig_dark_and_resume_goes_on(client, start_session, wait_for, simulated_rig):
-    session = start_session(SMALL_BTF)
-    wait_for(session, "running")
+def test_pause_holds_the_rig_dark_and_resume_goes_on(client, start_session, wait_for, wait_for_step, simulated_rig):
+    session = start_session(LONG_BTF)
+    wait_for_step(session)
     assert client.post(f"{API}/sessions/{session}/actions/pause").status_code == 202
     wait_for(session, "paused")
     assert simulated_rig.control("status")["lamps"] == {}
@@ -107,23 +107,22 @@ def test_pause_holds_the_rig_dark_and_resume_goes_on(client, start_session, wait
     problem(client.post(f"{API}/sessions", json=SMALL_BTF), 409, "busy")
     problem(client.get(f"{API}/devices/axes/turntable"), 409, "busy")
     assert client.post(f"{API}/sessions/{session}/actions/resume").status_code == 202
-    assert wait_for(session, "finished")["done"] == 4
+    assert wait_for(session, "finished")["done"] == LONG_STEPS
 
 
 @pytest.mark.parametrize(("action", "state"), [("stop", "interrupted"), ("abort", "aborted")])
 def test_a_session_that_was_ended_is_dark_and_can_be_taken_up_again(
-    client, start_session, wait_for, simulated_rig, action, state
+    client, start_session, wait_for, wait_for_step, simulated_rig, action, state
 ):
-    session = start_session(SMALL_BTF)
-    wait_for(session, "running")
+    session = start_session(LONG_BTF)
+    wait_for_step(session)
     assert client.post(f"{API}/sessions/{session}/actions/{action}").status_code == 202
-    ended = wait_for(session, state, "finished")
+    assert 0 < wait_for(session, state)["done"] < LONG_STEPS
     status = simulated_rig.control("status")
     assert status["lamps"] == {}
     assert not any(axis["moving"] for axis in status["axes"].values())
-    if ended["state"] == state:
-        assert client.post(f"{API}/sessions/{session}/actions/start").status_code == 202
-    assert wait_for(session, "finished")["done"] == 4
+    assert client.post(f"{API}/sessions/{session}/actions/start").status_code == 202
+    assert wait_for(session, "finished")["done"] == LONG_STEPS
 
 
 def test_a_stop_counts_from_the_first_moment(client, start_session, wait_for):
@@ -175,7 +174,7 @@ def test_a_service_that_ends_leaves_a_safe_rig_and_a_resumable_session(simulated
     app = create_app(load_config(simulated_rig.toml), tmp_path / "sessions")
     with TestClient(app, base_url=ORIGIN) as client:
         session = client.post(f"{API}/sessions", json=SMALL_BTF).json()["id"]
-        while client.get(f"{API}/sessions/{session}").json()["state"] != "running":
+        while client.get(f"{API}/sessions/{session}").json()["state"] in ("idle", "preparing"):
             time.sleep(0.02)
     assert simulated_rig.control("status")["lamps"] == {}
     with TestClient(create_app(load_config(simulated_rig.toml), tmp_path / "sessions"), base_url=ORIGIN) as client:
@@ -186,13 +185,7 @@ def test_a_service_that_ends_leaves_a_safe_rig_and_a_resumable_session(simulated
 def test_a_session_is_processed_as_a_job_and_its_files_are_served(client, start_session, wait_for):
     session = start_session(CALIBRATE)
     wait_for(session, "finished")
-    job = client.post(f"{API}/sessions/{session}/process", json={})
-    assert job.status_code == 201
-    deadline = time.monotonic() + 60
-    while (read := client.get(job.headers["location"]).json())["state"] in ("waiting", "running"):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
-    assert read["state"] == "finished", read
+    process(client, session)
     assert "calibration/cameras.json" in client.get(f"{API}/sessions/{session}/products").json()
     cameras = client.get(f"{API}/sessions/{session}/products/calibration/cameras.json").json()
     assert set(cameras["cameras"]) == set(CALIBRATE["cameras"])
@@ -206,6 +199,32 @@ def test_a_session_is_processed_as_a_job_and_its_files_are_served(client, start_
     for path in ("%2e%2e/session.json", "%2e%2e%2fsession.json", "link.json", "%00", "x" * 300, "%2e%2e/picture.png"):
         problem(client.get(f"{API}/sessions/{session}/products/{path}"), 404, "not-found")
     assert "link.json" not in client.get(f"{API}/sessions/{session}/products").json()
+
+
+def test_a_measured_sensor_is_named_shown_and_used(client, start_session, wait_for):
+    sensor = start_session(SENSOR)
+    wait_for(sensor, "finished")
+    process(client, sensor)
+    assert client.get(f"{API}/sessions/{sensor}").json()["products"] == ["sensors/VC-0004"]
+    reply = client.get(f"{API}/sessions/{sensor}/products/sensors/VC-0004/picture.png")
+    assert reply.headers["content-type"] == "image/png"
+    assert np.asarray(Image.open(io.BytesIO(reply.content))).std() > 10
+
+    board = start_session(CALIBRATE)
+    wait_for(board, "finished")
+    process(client, board, calibrations=[sensor])
+    problem(client.post(f"{API}/sessions/{board}/process", json={"calibrations": ["none"]}), 404, "not-found")
+
+
+def process(client, session, **body):
+    """Run the job that makes a session's products, to its end."""
+    job = client.post(f"{API}/sessions/{session}/process", json=body)
+    assert job.status_code == 201
+    deadline = time.monotonic() + 60
+    while (read := client.get(job.headers["location"]).json())["state"] in ("waiting", "running"):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    assert read["state"] == "finished", read
 
 
 def test_a_product_is_shown_under_any_light(client, tmp_path):

@@ -35,6 +35,13 @@ CALIBRATE = {
     "kind": "calibrate", "board_poses": 3, "lamp": "lamp6", "light_arc_deg": 60, "cameras": ["cam4"],
     "exposure_s": 0.05,
 }  # fmt: skip
+SENSOR = {
+    "kind": "sensor", "cameras": ["cam4"], "dark_exposures_s": [0.1, 0.01], "flat_exposures_s": [0.05], "repeats": 3,
+}  # fmt: skip
+LAMPS = {
+    "kind": "lamps", "lamps": ["lamp4", "led"], "light_arc_deg": [60, -60], "arm_deg": [45], "cameras": ["cam4"],
+    "mirror": {"radius_mm": 20, "exposures_s": [0.004]}, "white": {"reflectance": 0.9, "exposures_s": [0.03]},
+}  # fmt: skip
 ONE_LIGHT = {**BTF, "turntable_deg": [0], "lamps": ["lamp6"], "cameras": ["cam7"]}
 
 
@@ -99,7 +106,7 @@ def unique_id(path):
     return str(next(tag for name, tag in tags.items() if name.endswith("ImageUniqueID")))
 
 
-@pytest.mark.parametrize("data", [BTF, SRF, CALIBRATE], ids=lambda data: data["kind"])
+@pytest.mark.parametrize("data", [BTF, SRF, CALIBRATE, SENSOR, LAMPS], ids=lambda data: data["kind"])
 def test_every_frame_shows_what_its_step_says(lab, new_session, data):
     """The world's own record of the exposure behind each file: camera, time, angles, lamps."""
     session = new_session(data)
@@ -240,9 +247,13 @@ with open_rig(session.config) as rig:
 """
 
 
-@pytest.mark.parametrize(("how", "state"), [("SIGKILL", State.INTERRUPTED), ("SIGINT", State.INTERRUPTED)])
-def test_a_process_that_dies_in_the_middle_is_taken_up_by_another(lab, new_session, how, state):
-    session = new_session(BTF)
+@pytest.mark.parametrize(
+    ("how", "data"),
+    [("SIGKILL", BTF), ("SIGINT", BTF), ("SIGKILL", LAMPS), ("SIGINT", LAMPS), ("SIGKILL", SENSOR)],
+    ids=lambda value: value if isinstance(value, str) else value["kind"],
+)
+def test_a_process_that_dies_in_the_middle_is_taken_up_by_another(lab, new_session, how, data):
+    session = new_session(data)
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", CAPTURE, str(session.folder)]
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
@@ -252,7 +263,7 @@ def test_a_process_that_dies_in_the_middle_is_taken_up_by_another(lab, new_sessi
             process.send_signal(getattr(signal, how))
             process.stdout.read()
         process.wait()
-    assert session.state is state
+    assert session.state is State.INTERRUPTED
     assert 0 < len(session.done()) < len(session.steps)
     if how == "SIGINT":
         assert is_safe(lab)

@@ -28,7 +28,7 @@ from service.bench import Result
 from simulators.optics import Optics
 from simulators.pose import Pose
 from tests.public_data import DATA
-from tests.reference.camera_rig import SAMPLE, TURNS_DEG, CameraRig, bound_px, camera_rig, normalised_errors
+from tests.reference.camera_rig import SAMPLE, TURNS_DEG, CameraRig, bounds_px, camera_rig, normalised_errors
 
 NOISE_PX = 0.1
 SEEDS = 11, 12, 13  # of simulated rigs; the detection of corners was made with others
@@ -50,7 +50,7 @@ def synthetic(seeds: int) -> Result:
         views = rig.views(NOISE_PX, rng)
         found, spent_s = timed(lambda rig=rig, views=views: survey(views, rig.sizes))
         seconds.append(spent_s)
-        bounds.append([bound_px(rig, NOISE_PX, believed=believed) for believed in (False, True)])
+        bounds.append(bounds_px(rig, NOISE_PX))
         ours.append([found.cameras[name].project(SAMPLE) - rig.sample_px(name) for name in views])
         normalised.append([normalised_errors(rig.models[name], found.cameras[name]) for name in views])
         errors, spent_s = timed(lambda rig=rig, views=views: [_alone(rig, name, views[name]) for name in views])

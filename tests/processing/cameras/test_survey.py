@@ -17,7 +17,7 @@ from tests.reference.camera_rig import (
     SAMPLE,
     SIZE,
     axis_errors,
-    bound_px,
+    bounds_px,
     camera_rig,
     normalised_errors,
 )
@@ -65,7 +65,7 @@ def test_the_error_is_the_bound_and_the_deviations_are_honest():
         rig, _ = rig_and_views(0.1, seed)
         result = found(0.1, seed)
         errors.append(sample_errors_px(rig, result))
-        bounds.append(bound_px(rig, 0.1, believed=True))
+        bounds.append(bounds_px(rig, 0.1)[1])
         cameras.append([normalised_errors(rig.models[name], result.cameras[name]) for name in rig.network.cameras])
         axes.append(axis_errors(rig.network, result))
     # 650 points a camera, but of a few independent numbers each.

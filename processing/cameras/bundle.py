@@ -143,13 +143,10 @@ class _Problem:
         """Normal matrix, gradient and cost at a network; the cost is infinite where a corner has no image."""
         normal, gradient, cost = np.zeros((network.parameters,) * 2), np.zeros(network.parameters), 0.0
         for name, own in network.camera_slices().items():
-            rows = _linearised(network, name, self.sights[name])
-            size = np.abs(rows.error) / self.noise_px[name]
-            weight = np.minimum(1.0, _HUBER / np.maximum(size, 1e-12)) * np.repeat(self.accepted[name], 2)
-            cost += float((weight * size * (size - 0.5 * np.minimum(size, _HUBER))).sum())
-            rows = rows.times(np.sqrt(weight) / self.noise_px[name])
+            rows, corners_cost = self._weighted(network, name)
             normal[own, own] += rows.by_camera.T @ rows.by_camera
             gradient[own] += rows.by_camera.T @ rows.error
+            cost += corners_cost
             _add_boards(normal, gradient, network, own, rows)
             prior, by_lens = _prior(network.cameras[name], self.start.cameras[name])
             lens = slice(own.start, own.start + by_lens.shape[1])
@@ -158,9 +155,57 @@ class _Problem:
             cost += 0.5 * float(prior @ prior)
         return normal, gradient, cost if np.isfinite(cost) else np.inf
 
+    def _weighted(self, network: Network, name: str) -> tuple["_Rows", float]:
+        """A camera's corners over their noise, those beyond the Huber bound weighed down, and their cost."""
+        rows = _linearised(network, name, self.sights[name])
+        size = np.abs(rows.error) / self.noise_px[name]
+        weight = np.minimum(1.0, _HUBER / np.maximum(size, 1e-12)) * np.repeat(self.accepted[name], 2)
+        cost = float((weight * size * (size - 0.5 * np.minimum(size, _HUBER))).sum())
+        return rows.times(np.sqrt(weight) / self.noise_px[name]), cost
+
     def covariance(self, network: Network) -> Array:
-        """Of all parameters: inverse normal matrix times the variance of the corners, as M-estimates have it."""
+        """Of all parameters: inverse normal matrix times the variance of the corners, as M-estimates have it.
+
+        What the corners tell is first divided by their design effect; what is believed is not.
+        """
         normal, _, _ = self.system(network)
+        believed = self._believed(network)
+        effect = self._design_effect(network, _inverse(normal, network))
+        return np.asarray(self._variance(network) * _inverse((normal - believed) / effect + believed, network))
+
+    def _believed(self, network: Network) -> Array:
+        """The priors' part of the normal matrix."""
+        normal = np.zeros((network.parameters,) * 2)
+        for name, own in network.camera_slices().items():
+            _, by_lens = _prior(network.cameras[name], self.start.cameras[name])
+            lens = slice(own.start, own.start + by_lens.shape[1])
+            normal[lens, lens] = by_lens.T @ by_lens
+        return normal
+
+    def _design_effect(self, network: Network, inverse: Array) -> float:
+        """By how much the variance of the parameters exceeds that which independent corners would give (Kish 1965).
+
+        Blur, shading and mosaic displace neighbouring corners of a picture alike. Residuals r of a picture with the hat
+        matrix H = J A^-1 J' have E r'H r = s^2 tr(H - H H) and E r'r = s^2 tr(1 - H) where errors are independent; the
+        first grows, against the second, with errors alike that pull at the parameters. Below 1 it is chance.
+        """
+        boards, pulled, pull, square, freedom = network.board_slices(), 0.0, 0.0, 0.0, 0.0
+        for name, own in network.camera_slices().items():
+            rows, _ = self._weighted(network, name)
+            for number, shot in enumerate(self.sights[name].shots):
+                chosen = np.repeat(self.sights[name].of_shot == number, 2)
+                columns = np.r_[own, boards[shot.pose]]
+                by_board = rows.by_board[chosen][:, list(network.free(shot.pose))]
+                jacobian, error = np.hstack([rows.by_camera[chosen], by_board]), rows.error[chosen]
+                hat = jacobian @ inverse[np.ix_(columns, columns)] @ jacobian.T
+                pulled += float(error @ hat @ error)
+                pull += float(np.trace(hat) - np.sum(hat**2))
+                square += float(error @ error)
+                freedom += len(error) - float(np.trace(hat))
+        return max(pulled * freedom / (pull * square), 1.0) if pull * square > 0 else 1.0
+
+    def _variance(self, network: Network) -> float:
+        """Of the corners, in units of their noise (Huber 1981, eq. 7.6.5)."""
         error = np.concatenate([
             _errors(network, name, sight)[self.accepted[name]].ravel() / self.noise_px[name]
             for name, sight in self.sights.items()
@@ -173,12 +218,7 @@ class _Problem:
         departures = np.concatenate([
             _prior(camera, self.start.cameras[name])[0] for name, camera in network.cameras.items()
         ])  # fmt: skip
-        variance = float(held @ held + departures @ departures) / freedom / inside
-        # Scaled to a unit diagonal first: pixels and radians differ by many decades.
-        scale = 1 / np.sqrt(np.diag(normal))
-        scaled = np.outer(scale, scale)
-        inverse = _solve(normal * scaled, np.eye(network.parameters), network) * scaled
-        return np.asarray(variance * inverse, np.float64)
+        return float(held @ held + departures @ departures) / freedom / inside
 
 
 @dataclass(frozen=True)
@@ -241,6 +281,13 @@ def _prior(camera: Camera, start: Camera) -> tuple[Array, Array]:
     jacobian[2, :2] = 1, -1
     jacobian[3:, 4:] = np.eye(len(lens.distortion))
     return np.asarray(departure / sigma, np.float64), np.asarray(jacobian / sigma[:, None], np.float64)
+
+
+def _inverse(normal: Array, network: Network) -> Array:
+    """Of a normal matrix, scaled to a unit diagonal first: pixels and radians differ by many decades."""
+    scale = 1 / np.sqrt(np.diag(normal))
+    scaled = np.outer(scale, scale)
+    return np.asarray(_solve(normal * scaled, np.eye(len(normal)), network) * scaled, np.float64)
 
 
 def _solve(matrix: Array, right: Array, network: Network) -> Array:

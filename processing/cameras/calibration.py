@@ -13,7 +13,7 @@ from processing import geometry
 from processing.cameras import bundle
 from processing.cameras.board import MIN_CORNERS, Board, BoardView, find_charuco
 from processing.cameras.lens import LENSES, Fisheye, Lens, Pinhole
-from processing.cameras.network import Shot, Views
+from processing.cameras.network import POSE_PARAMETERS, Shot, Views
 from processing.cameras.placement import board_poses, place
 from processing.cameras.start import fisheye_start, pinhole_start
 from processing.cameras.turntable import Axis, axis_of, network_of
@@ -72,7 +72,7 @@ class CameraModel:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> "CameraModel":
-        """Inverse of `to_json`. Raises CalibrationError where a field is missing or misshapen."""
+        """Inverse of `to_json`. Raises CalibrationError where a field is missing, misshapen or no number."""
         try:
             kind = LENSES[data["lens"]]
             matrix, distortion, pose = (
@@ -83,7 +83,11 @@ class CameraModel:
             )  # fmt: skip
             rows, columns = data["size"]
             rms_px = np.nan if data["rms_px"] is None else float(data["rms_px"])
-            deviation = None if data["deviation"] is None else np.asarray(data["deviation"], np.float64)
+            unknown = data["deviation"] is None
+            parameters = 4 + len(distortion) + POSE_PARAMETERS
+            deviation = None if unknown else np.asarray(data["deviation"], np.float64).reshape(parameters)
+            if not all(np.isfinite(part).all() for part in (matrix, distortion, pose)):
+                raise ValueError("lens and pose must be finite")
         except (KeyError, TypeError, ValueError) as error:
             raise CalibrationError(f"not a camera model: {error!r}") from error
         return cls(kind(matrix, distortion), pose, (int(rows), int(columns)), rms_px, deviation)
@@ -147,7 +151,7 @@ def calibrate_camera(views: Sequence[BoardView], size: tuple[int, int], lens: ty
 
     Raises CalibrationError where fewer than three views have enough corners or do not determine the camera.
     """
-    usable = [view for view in map(_finite, views) if len(view.uv_px) >= MIN_CORNERS]
+    usable = [view for view in map(_finite, views) if _places(view)]
     shots = {Shot(pose): view for pose, view in enumerate(usable)}
     return survey({"camera": shots}, {"camera": size}, lens).cameras["camera"]
 
@@ -198,10 +202,25 @@ def _finite(view: BoardView) -> BoardView:
     return BoardView(view.points_m[finite], view.uv_px[finite])
 
 
+def _places(view: BoardView) -> bool:
+    """Whether the corners are enough to place the board, four of them with no three on one line.
+
+    At a slant often one row alone is read. A homography from the board to itself is sought (direct linear transform):
+    its equations have rank 8 where it is the only one.
+    """
+    if len(view.uv_px) < MIN_CORNERS:
+        return False
+    around = view.points_m[:, :2] - view.points_m[:, :2].mean(axis=0)
+    x, y = around.T / max(float(np.abs(around).max()), 1e-300)
+    point, zero = np.stack([x, y, np.ones_like(x)], axis=1), np.zeros((len(x), 3))
+    rows = np.block([[point, zero, -x[:, None] * point], [zero, point, -y[:, None] * point]])
+    return bool(np.linalg.matrix_rank(rows, tol=1e-6) == 8)
+
+
 def _usable(name: str, found: Mapping[Shot, BoardView]) -> dict[Shot, BoardView]:
     """The views with enough corners, in the order of their shots."""
     views = {shot: _finite(found[shot]) for shot in sorted(found)}
-    usable = {shot: view for shot, view in views.items() if len(view.uv_px) >= MIN_CORNERS}
+    usable = {shot: view for shot, view in views.items() if _places(view)}
     poses = {shot.pose for shot in usable}
     if len(poses) < MIN_VIEWS:
         raise CalibrationError(

@@ -15,6 +15,7 @@ from processing import geometry
 
 Array = NDArray[np.float64]
 _NEWTON_STEPS = 30
+_SAME_PX = 1e-3  # a ray that is imaged farther than this from its point is none
 
 
 @dataclass(frozen=True)
@@ -82,13 +83,16 @@ class Pinhole(Lens):
         """NaN behind the camera, and beyond the angle at which the distortion would fold the image back."""
         points = np.asarray(points_m, np.float64).reshape(-1, 3)
         uv_px = geometry.project(points, self.matrix, self.distortion, np.eye(4))
-        within = points[:, 0] ** 2 + points[:, 1] ** 2 <= self._reach**2 * points[:, 2] ** 2
+        depth = np.where(points[:, 2] > 0, points[:, 2], np.nan)
+        within = np.hypot(points[:, 0], points[:, 1]) <= self._reach * depth
         uv_px[~within] = np.nan
         return np.asarray(uv_px.reshape(*np.shape(points_m)[:-1], 2))
 
     def rays(self, uv_px: NDArray[np.floating]) -> Array:
-        """As of `Lens`."""
-        return geometry.pixel_rays(uv_px, self.matrix, self.distortion, np.eye(4))
+        """As of `Lens`; NaN beyond the fold, where the distortion has no inverse."""
+        rays = geometry.pixel_rays(uv_px, self.matrix, self.distortion, np.eye(4))
+        rays[~(np.linalg.norm(self.project(rays) - uv_px, axis=-1) < _SAME_PX)] = np.nan
+        return rays
 
     @property
     def _reach(self) -> float:
@@ -131,13 +135,13 @@ class Fisheye(Lens):
     distortion_sigma: ClassVar[Array] = np.array([0.1, 0.1, 0.1, 0.1])
 
     def project(self, points_m: NDArray[np.floating]) -> Array:
-        """NaN beyond the angle at which the formula turns back, and straight behind, where the side is unknown."""
+        """NaN beyond the angle at which the formula turns back; straight behind and in the centre no side is known."""
         points = np.asarray(points_m, np.float64).reshape(-1, 3)
         across = np.hypot(points[:, 0], points[:, 1])
         theta = np.arctan2(across, points[:, 2])
         scale = np.divide(self._radius(theta), across, out=np.ones_like(across), where=across > 0)
         plane = points[:, :2] * scale[:, None]
-        plane[~(theta <= self.reach_rad) | (theta == np.pi)] = np.nan
+        plane[~(theta <= self.reach_rad) | (theta == np.pi) | ((across == 0) & (points[:, 2] == 0))] = np.nan
         return self._pixels(plane).reshape(*np.shape(points_m)[:-1], 2)
 
     def rays(self, uv_px: NDArray[np.floating]) -> Array:
@@ -187,7 +191,7 @@ class Fisheye(Lens):
         on_axis = across2 < 1e-20 * distance2
         safe = np.where(on_axis, 1.0, across)
         radius, slope = self._radius(theta), self._slope(theta)
-        scale = np.where(on_axis, 1 / depth, radius / safe)
+        scale = np.where(on_axis, 1 / np.where(depth > 0, depth, np.nan), radius / safe)
         outward = points[:, :2] / safe[:, None]
         powers = theta[:, None] ** np.array([3, 5, 7, 9])
         by_coefficient = outward[:, :, None] * powers[:, None, :]

@@ -83,7 +83,13 @@ def test_points_that_no_lens_sees():
     for lens in (bent("pinhole"), WIDE):
         assert np.isnan(lens.project([[np.nan, 0, 1]])).all()
     assert np.isnan(WIDE.rays(np.array([[5000.0, 0]]))).all()  # out of the image circle
-    assert bent("fisheye").rays(np.empty((0, 2))).shape == (0, 3)
+    folded = Pinhole(MATRIX, np.array([-0.3, 0, 0, 0, 0]))  # images nothing beyond 0.7 focal lengths
+    assert np.isnan(folded.rays(np.array([[320 + 0.75 * 500, 240], [2500.0, 240], [np.nan, 240]]))).all()
+    assert np.isfinite(folded.rays(np.array([320 + 0.68 * 500, 240]))).all()
+    for lens in (bent("pinhole"), WIDE):
+        assert np.isnan(lens.project(np.zeros(3))).all()  # in its own centre
+        assert lens.rays(np.empty((0, 2))).shape == (0, 3)
+    assert np.isnan(WIDE.linearised(behind[:1])[0]).all()
 
 
 @given(st.floats(-0.9, -0.05), st.floats(0, 89))

@@ -76,7 +76,7 @@ def locate_lamps(
 
     Lamps that no sighting shows stay at their nominal place with the deviation that is believed beforehand. Where a
     sighting has several spots, the brightest starts and the one nearest to the prediction ends.
-    Raises CalibrationError where nothing at all was seen, or a camera or lamp is not known.
+    Raises CalibrationError where nothing at all was seen, nothing explains it, or a camera or lamp is not known.
     """
     unknown = [s.camera for s in sightings if s.camera not in cameras] + [
         s.lamp for s in sightings if s.lamp not in nominal
@@ -94,7 +94,10 @@ def locate_lamps(
         for s, uv in zip(sightings, predicted, strict=True)
     ]
     spots = _Spots.of(nearest)
-    return problem.describe(problem.solve(state, spots), spots)
+    solution = problem.solve(state, spots)
+    if not np.isfinite(solution.state).all() or not np.isfinite(solution.weight).all():
+        raise CalibrationError("no places of the lamps explain the highlights; check the labels in rig.toml.")
+    return problem.describe(solution, spots)
 
 
 @dataclass(frozen=True, eq=False)

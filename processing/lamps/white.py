@@ -30,6 +30,7 @@ _LEAST_PIXELS = 2  # of a channel in a cell
 _LEAST_CELLS = 40  # of a channel in a view, for its shape to mean something
 _LEAST_NOISES = 10.0  # mean of a cell over its deviation
 _LEAST_SPREAD = 0.01  # of the first residuals of a view, relative
+_LEAST_SINE = 0.05  # of a lamp's elevation: grazing light is mostly what it was reflected by before
 _ROUNDS = 4
 
 
@@ -120,9 +121,12 @@ def fit_plate(views: Sequence[PlateView], known: LampPlaces, reflectance: float)
 
     The exponent of the falloff is first left free and told; places and intensities are then those of the inverse
     square where this is within three deviations of it, of the told exponent else. Cells that do not follow (shadows,
-    dust, hot pixels) take no part (Tukey's biweight). Raises CalibrationError where no view shows the plate lit.
+    dust, hot pixels) take no part (Tukey's biweight), nor do views whose lamp stands level with the plate or below it.
+    Raises CalibrationError where no view shows the plate lit, or no places explain the views.
     """
-    lit = [view for view in views if view.seen.any()]
+    heights = known.positions_m[:, 2] / np.linalg.norm(known.positions_m, axis=1)
+    above = {name for name, height in zip(known.names, heights, strict=True) if height > _LEAST_SINE}
+    lit = [view for view in views if view.seen.any() and view.lamp in above]
     if not lit:
         raise CalibrationError(
             "the white plate is dark in every picture; check its place, the lamps and the exposures."
@@ -132,6 +136,8 @@ def fit_plate(views: Sequence[PlateView], known: LampPlaces, reflectance: float)
     falloff, deviation = free.falloff
     held = INVERSE_SQUARE if abs(falloff - INVERSE_SQUARE) <= 3 * deviation else falloff
     solution = problem.solve(free.state, held)
+    if not np.isfinite(solution.state).all():
+        raise CalibrationError("no places of the lamps explain the white plate; check their labels in rig.toml.")
     return problem.describe(solution, (falloff, deviation))
 
 

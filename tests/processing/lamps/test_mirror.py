@@ -172,6 +172,13 @@ def test_nothing_seen_is_one_clear_error():
         located([Sighting("lamp0", "cam1", 0.5, ())])
 
 
+def test_a_highlight_that_nothing_explains_is_one_clear_error():
+    sightings = RIG.sightings(np.random.default_rng(7))
+    sightings[3] = replace(sightings[3], spots=(spot(np.array([1e6, 1.0]), 0.01),))
+    with pytest.raises(CalibrationError, match="explain the highlights"):
+        located(sightings)
+
+
 @pytest.mark.parametrize("change", [{"camera": "cam9"}, {"lamp": "lamp99"}])
 def test_strangers_are_named(change):
     sighting = replace(RIG.sightings(np.random.default_rng(7))[0], **change)

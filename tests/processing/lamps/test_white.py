@@ -117,6 +117,16 @@ def test_lamps_without_the_mirror_are_rated_by_what_the_plate_tells():
     np.testing.assert_allclose(models["lamp5"].intensity_e_s, np.exp(RIG.log_intensity("lamp5")), rtol=0.2)
 
 
+def test_stray_light_of_a_lamp_level_with_the_plate_harms_no_other():
+    views = some_views(8)
+    models, _ = measure_lamps(RIG.nominal, [], None, [*views, replace(views[0], lamp="led")], 0.9)
+    plain, _ = measure_lamps(RIG.nominal, [], None, views, 0.9)
+    assert models["led"].status == LampStatus.NOT_MEASURED
+    np.testing.assert_allclose(models["lamp5"].position_m, plain["lamp5"].position_m, rtol=1e-9)
+    with pytest.raises(CalibrationError, match="dark in every picture"):
+        fitted([replace(view, lamp="led") for view in views])
+
+
 def test_a_dark_plate_is_one_clear_error():
     views = [replace(view, information=0 * view.information) for view in some_views(7)]
     with pytest.raises(CalibrationError, match="dark in every picture"):

@@ -36,10 +36,11 @@ class CameraRig:
         cameras = self.network.cameras.items()
         return {name: CameraModel(c.lens, geometry.invert(c.camera_from_rig), SIZE) for name, c in cameras}
 
-    def corners(self, name, shot):
-        """The board's corners (n, 2) in one picture."""
-        camera = self.network.cameras[name]
-        in_rig = geometry.transform_points(self.network.rig_from_board(shot), BOARD.corners_m())
+    def corners(self, name, *shots):
+        """The board's corners (n, 2) in one picture, or one after the other in several."""
+        camera, corners_m = self.network.cameras[name], BOARD.corners_m()
+        boards = [geometry.transform_points(self.network.rig_from_board(shot), corners_m) for shot in shots]
+        in_rig = np.concatenate(boards)
         return camera.lens.project(geometry.transform_points(camera.camera_from_rig, in_rig))
 
     def views(self, noise_px, rng):
@@ -122,7 +123,7 @@ def _predicted_sigma(lifted, information):
 def _derivatives(rig):
     """Of all corners in view, and of the sample points, by all parameters: central differences."""
     cameras = list(rig.network.cameras)
-    seen = {name: [inside(rig.corners(name, shot)) for shot in rig.shots] for name in cameras}
+    seen = {name: inside(rig.corners(name, *rig.shots)) for name in cameras}
     owners = {i: name for name, place in rig.network.camera_slices().items() for i in range(place.start, place.stop)}
     step = 1e-6
     blocks = [[np.zeros((2 * np.sum(seen[name]), rig.network.parameters)) for name in cameras]]
@@ -137,8 +138,7 @@ def _derivatives(rig):
 
 
 def _corners(rig, name, seen):
-    found = [rig.corners(name, shot)[mask] for shot, mask in zip(rig.shots, seen[name], strict=True)]
-    return np.concatenate(found).ravel()
+    return rig.corners(name, *rig.shots)[seen[name]].ravel()
 
 
 def _sample(rig, name, _):

@@ -24,7 +24,7 @@ _BRACKETS = {
     "7 exposures, 1 1/3 stops": 2.0 ** (np.arange(-3, 4) * 4 / 3),
     "5 exposures, uneven": np.array([0.02, 0.11, 0.4, 2.7, 9.0]),
 }
-_QUICK = ("4 exposures, 2 2/3 stops", "7 exposures, 1 1/3 stops")
+_QUICK = ("4 exposures, 2 2/3 stops",)
 _CAMERA = {"full_e": 12_000.0, "read_noise_e": 8.0, "white_balance": (1.6, 1.0, 2.1), "quality": 88}
 _CAMERA |= {"subsampling": "4:2:2", "sensitivity": SENSITIVITY}
 

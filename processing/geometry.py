@@ -69,19 +69,26 @@ def _unit(vectors: Array) -> Array:
 
 
 def project(points_m: NDArray[np.floating], matrix: Array, distortion: Array, rig_from_camera: Array) -> Array:
-    """Image points (..., 2) in uv_px of rig-frame points (..., 3); NaN behind the camera.
+    """Image points (..., 2) in uv_px of rig-frame points (..., 3); NaN behind the camera and too far out for a number.
 
     Distortion k1 k2 p1 p2 k3 as in OpenCV's calib3d.
     """
     local = transform_points(invert(rig_from_camera), points_m)
     depth = np.where(local[..., 2] > 0, local[..., 2], np.nan)
-    x, y = local[..., 0] / depth, local[..., 1] / depth
-    k1, k2, p1, p2, k3 = np.ravel(distortion)
+    with np.errstate(over="ignore", invalid="ignore"):  # all but in the camera's own plane
+        bent = _distorted(local[..., 0] / depth, local[..., 1] / depth, np.ravel(distortion))
+        uv_px = bent * matrix[[0, 1], [0, 1]] + matrix[:2, 2]
+    return np.where(np.isfinite(uv_px).all(axis=-1, keepdims=True), uv_px, np.nan)
+
+
+def _distorted(x: Array, y: Array, distortion: Array) -> Array:
+    """Places (..., 2) on the plane at unit distance after radial and tangential distortion (Brown 1966)."""
+    k1, k2, p1, p2, k3 = distortion
     xx, xy, yy = x * x, x * y, y * y
     r2 = xx + yy
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     across, down = x * radial + 2 * p1 * xy + p2 * (r2 + 2 * xx), y * radial + p1 * (r2 + 2 * yy) + 2 * p2 * xy
-    return np.stack([across * matrix[0, 0] + matrix[0, 2], down * matrix[1, 1] + matrix[1, 2]], axis=-1)
+    return np.stack([across, down], axis=-1)
 
 
 def pixel_rays(uv_px: NDArray[np.floating], matrix: Array, distortion: Array, rig_from_camera: Array) -> Array:

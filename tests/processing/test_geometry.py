@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -69,6 +70,11 @@ def test_a_camera_sees_its_target_in_the_middle_and_up_is_up(elevation_rad, dist
     np.testing.assert_allclose(uv[0], MATRIX[:2, 2], atol=1e-6)
     assert uv[1, 0] > uv[0, 0]  # +Y is to the right of a camera at azimuth 0
     assert uv[2, 1] < uv[0, 1]  # what lies higher or farther back is higher in the image
+
+
+@pytest.mark.parametrize("depth_m", [1e-183, 5e-324, 1e-60])
+def test_a_point_all_but_in_the_camera_s_plane_has_no_image(depth_m):
+    assert np.isnan(geometry.project(np.array([[1.0, 1.0, depth_m]]), MATRIX, DISTORTION, np.eye(4))).all()
 
 
 @quick

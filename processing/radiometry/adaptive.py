@@ -100,9 +100,9 @@ def survey(shape: tuple[int, ...]) -> Tiles:
 def survey_patches(frames: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
     """The surveyed patches of all frames, (k, n, h, w); of images without a whole one, the images.
 
-    Raises ImageError where the frames are none, of different sizes, or no whole counts.
+    Raises ImageError where the frames are none or of different sizes.
     """
-    _check_frames(frames)
+    _check_sizes(frames)
     corners = PATCH_PX * np.argwhere(_picked(frames[0].shape))
     patches = [(slice(row, row + PATCH_PX), slice(column, column + PATCH_PX)) for row, column in corners]
     whole = [patch for patch in patches if frames[0][patch].shape == (PATCH_PX, PATCH_PX)]
@@ -126,16 +126,17 @@ def tile_slices(tile: tuple[int, int]) -> tuple[slice, slice]:
     return slice(row, row + TILE_PX), slice(column, column + TILE_PX)
 
 
-def _check_frames(frames: Sequence[NDArray[np.uint16]]) -> None:
-    shapes, types = {frame.shape for frame in frames}, {frame.dtype for frame in frames}
+def _check_sizes(frames: Sequence[NDArray[np.generic]]) -> None:
+    shapes = {frame.shape for frame in frames}
     if len(shapes) != 1 or len(next(iter(shapes))) != 2:
         raise ImageError(f"frames of {sorted(shapes)}; one or more of equal (h, w) are needed.")
-    if types != {np.dtype(np.uint16)}:  # others would be cut to it in silence
-        raise ImageError(f"frames of {', '.join(sorted(map(str, types)))}; whole counts, uint16, are needed.")
 
 
 def _check(frames: Sequence[NDArray[np.uint16]], times: Array, share: float) -> None:
-    _check_frames(frames)
+    _check_sizes(frames)
+    types = {frame.dtype for frame in frames}
+    if types != {np.dtype(np.uint16)}:  # others would be cut to it in silence
+        raise ImageError(f"frames of {', '.join(sorted(map(str, types)))}; whole counts, uint16, are needed.")
     if times.shape != (len(frames),):
         raise ImageError(f"{len(frames)} frames with {times.size} exposure times; as many are needed.")
     if not (np.isfinite(times) & (times > 0)).all():

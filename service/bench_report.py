@@ -97,7 +97,9 @@ def _from_one(error: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _draw_method(axes: Axes, rows: Sequence[Row], sizes: Sequence[str], colour: str) -> None:
     seconds, errors = ([float(row[key]) for row in rows] for key in ("seconds", "error"))
-    axes.plot(seconds, errors, color=colour, linewidth=1, linestyle=":" if rows[0].get("reference") else "-", zorder=2)
+    if all("size" in row for row in rows):
+        style = ":" if rows[0].get("reference") else "-"
+        axes.plot(seconds, errors, color=colour, linewidth=1, linestyle=style, zorder=2)
     for row, x, y in zip(rows, seconds, errors, strict=True):
         marker = _MARKERS[sizes.index(str(row.get("size", ""))) % len(_MARKERS)]
         face = "white" if row.get("peer") else colour

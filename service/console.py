@@ -72,6 +72,10 @@ class ConsoleProgress:
             self._progress.update(task, completed=done + 1, left=f"{left_s:.0f} s left")
         self._progress.remove_task(task)
 
+    def note(self, text: str) -> None:
+        """A line beside the bars."""
+        console.print(text, style="yellow", soft_wrap=True, markup=False)
+
     def follow(self, description: str) -> Callable[[Event], None]:
         """A new bar that shows a session's events; what an operator must know is also printed."""
         task = self._progress.add_task(description, total=None, left="")

@@ -25,6 +25,7 @@ class Job:
     done: int = 0
     total: int | None = None
     problem: dict[str, str] | None = None
+    notes: list[str] = field(default_factory=list)
     cancelled: threading.Event = field(default_factory=threading.Event)
 
     def track(self, items: Iterable[Item], description: str) -> Iterator[Item]:
@@ -36,6 +37,10 @@ class Job:
                 raise CancelledError
             yield item
             self.done += 1
+
+    def note(self, text: str) -> None:
+        """Keep it for the job's reader."""
+        self.notes.append(text)
 
 
 class Jobs:
@@ -59,7 +64,7 @@ class Jobs:
         job = self._job(number)
         return {
             "id": job.number, "title": job.title, "state": job.state, "stage": job.stage, "done": job.done,
-            "total": job.total, "problem": job.problem,
+            "total": job.total, "problem": job.problem, "notes": list(job.notes),
         }  # fmt: skip
 
     def cancel(self, number: int) -> None:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -125,12 +125,14 @@ class Survey:
 
     `boards` holds `rig_from_board` by pose, with the turntable at 0. `axis` is None where no board was turned: then
     the rig frame is the board of pose 0, which stands for the turntable as well as a hand has put it there.
+    `left_out` says of cameras that could not take part why.
     """
 
     cameras: Mapping[str, CameraModel]
     boards: Mapping[int, Array]
     axis: Axis | None
     residuals: Mapping[str, Residuals]
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     def facing(self, names: Collection[str]) -> "Survey":
         """The same survey with azimuth 0 where the named cameras stand, in the mean, as seen from the axis.
@@ -157,14 +159,19 @@ def calibrate_camera(views: Sequence[BoardView], size: tuple[int, int], lens: ty
 
 
 def survey_images(images: Mapping[str, Mapping[Shot, NDArray[np.generic]]], board: Board) -> Survey:
-    """As `survey`, from images {camera: {shot: image}} of one board.
+    """As `survey`, from images {camera: {shot: image}} of one board; cameras that read it too seldom are left out.
 
-    Images are linear or not, grey or colour; of a mosaic give `radiometry.grey_mosaic`, which keeps its resolution.
+    Images are linear or not, grey or colour; of a mosaic give `radiometry.mosaic.grey_mosaic`, which keeps its
+    resolution. Raises CalibrationError as `survey`, and where no camera is left.
     """
+    sizes = {name: _size(name, shots) for name, shots in images.items()}
     views = {
         name: {shot: find_charuco(image, board) for shot, image in shots.items()} for name, shots in images.items()
     }
-    return survey(views, {name: _size(name, shots) for name, shots in images.items()})
+    lacks = {name: _lack(_placing(found)) for name, found in views.items()}
+    left_out = {name: lack for name, lack in lacks.items() if lack}
+    taking_part = {name: found for name, found in views.items() if name not in left_out}
+    return replace(survey(taking_part or views, sizes), left_out=left_out)
 
 
 def survey(views: Views, sizes: Mapping[str, tuple[int, int]], lens: type[Lens] = Pinhole) -> Survey:
@@ -218,15 +225,25 @@ def _places(view: BoardView) -> bool:
 
 
 def _usable(name: str, found: Mapping[Shot, BoardView]) -> dict[Shot, BoardView]:
-    """The views with enough corners, in the order of their shots."""
-    views = {shot: _finite(found[shot]) for shot in sorted(found)}
-    usable = {shot: view for shot, view in views.items() if _places(view)}
-    poses = {shot.pose for shot in usable}
-    if len(poses) < MIN_VIEWS:
-        raise CalibrationError(
-            f"{name}: the board was read in {len(poses)} poses; {MIN_VIEWS} are needed. Check focus and light."
-        )
+    """The views with enough corners."""
+    usable = _placing(found)
+    if lack := _lack(usable):
+        raise CalibrationError(f"{name}: {lack}")
     return usable
+
+
+def _placing(found: Mapping[Shot, BoardView]) -> dict[Shot, BoardView]:
+    """The views whose corners place the board, in the order of their shots."""
+    views = {shot: _finite(found[shot]) for shot in sorted(found)}
+    return {shot: view for shot, view in views.items() if _places(view)}
+
+
+def _lack(placing: Mapping[Shot, BoardView]) -> str:
+    """What these views lack to calibrate a camera; empty where nothing."""
+    poses = len({shot.pose for shot in placing})
+    if poses >= MIN_VIEWS:
+        return ""
+    return f"the board was read in {poses} poses; {MIN_VIEWS} are needed. Check focus and light."
 
 
 def _from_the_front(name: str, found: Mapping[Shot, BoardView], lens: Lens) -> dict[Shot, BoardView]:

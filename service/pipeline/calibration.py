@@ -25,7 +25,8 @@ RESIDUALS, NETWORK = "residuals.png", "network.png"
 def make_calibration(session: Session, calibrations: Calibrations, progress: Progress) -> Path:
     """Camera models and the turntable's axis from the ChArUco frames of a `calibrate` session, and pictures of both.
 
-    The rig frame is that of the axis; azimuth 0 is where the cameras of the arc stand, in the mean.
+    A camera that read too few boards is left out and told. The rig frame is that of the axis; azimuth 0 is where the
+    cameras of the arc stand, in the mean.
     """
     folder = session.products / CALIBRATION
     records = session.frames()
@@ -38,6 +39,8 @@ def make_calibration(session: Session, calibrations: Calibrations, progress: Pro
     board = session.config.board
     printed = Board(board.columns, board.rows, board.square_mm / 1e3, board.marker_mm / 1e3, board.dictionary)
     survey = survey_images(images, printed)
+    for name, lack in survey.left_out.items():
+        progress.note(f"{name} is not calibrated: {lack}")
     arc = [name for name in survey.cameras if session.config.cameras[name].mount == "camera_arc"]
     survey = survey.facing(arc)
     folder.mkdir(parents=True, exist_ok=True)
@@ -54,6 +57,7 @@ def _figures(survey: Survey) -> dict[str, Any]:
         "rms_px": {name: camera.rms_px for name, camera in survey.cameras.items()},
         "corners": {name: len(residuals.uv_px) for name, residuals in survey.residuals.items()},
         "corners_left_out": {name: int((~r.accepted).sum()) for name, r in survey.residuals.items()},
+        "left_out": dict(survey.left_out),
         "axis": None if survey.axis is None else _axis_figures(survey.axis),
     }
 

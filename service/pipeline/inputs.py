@@ -19,6 +19,10 @@ class Progress(Protocol):
         """Yield the items while showing how far along they are."""
         ...
 
+    def note(self, text: str) -> None:
+        """Tell something that the results rest on and that whoever watches should know."""
+        ...
+
 
 def fingerprint(records: Iterable[FrameRecord], parameters: dict[str, object]) -> dict[str, object]:
     """What a product is made from: a digest of its frames, and its parameters."""

@@ -191,6 +191,23 @@ def test_missing_boards_and_links_are_named():
         survey_images({"cam0": {Shot(0): blank, Shot(1): blank[:100]}}, BOARD)
 
 
+def test_a_camera_that_reads_too_few_boards_is_left_out_and_told():
+    """The others are calibrated as they would be without it."""
+    rig = camera_rig(np.random.default_rng(4), elevations_deg=(65, 88), turns_deg=(), poses=4)
+    images = {
+        n: {s: photograph_board(BOARD, c, rig.network.rig_from_board(s), samples=2) for s in rig.shots}
+        for n, c in rig.models.items()
+    }
+    blank = np.arange(240 * 320, dtype=float).reshape(SIZE)
+    one = survey_images({**images, "blind": dict.fromkeys(rig.shots, blank)}, BOARD)
+    other = survey_images(images, BOARD)
+    assert one.left_out == {"blind": "the board was read in 0 poses; 3 are needed. Check focus and light."}
+    assert not other.left_out
+    assert one.cameras.keys() == other.cameras.keys() == images.keys()
+    for name, camera in one.cameras.items():
+        np.testing.assert_allclose(camera.lens.matrix, other.cameras[name].lens.matrix, rtol=1e-9)
+
+
 @pytest.mark.parametrize("board", [Board(7, 5, 0.01, 0.01), Board(2, 5, 0.01, 0.008), Board(7, 5, 0.01, 0.008, "X")])
 def test_what_is_no_board_is_refused(board):
     with pytest.raises(CalibrationError):

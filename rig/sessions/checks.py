@@ -55,7 +55,8 @@ class FrameChecks:
         """The frames as what is to be stored, with what is odd but no reason to take them again.
 
         Raises FrameCheckError: number, serial number, exposure, not a raw image, frozen, or dark although lit, with not
-        even a spot (only in the longest exposure of each light: a shorter one may hold no light worth the name).
+        even a spot (only in the longest exposure of each light: a shorter one may hold no light worth the name; a board
+        held by hand may show a camera its dark side).
         """
         self._check_labels(step, camera, frames)
         mosaics = [decode(frame.data, camera) for frame in frames]
@@ -116,9 +117,12 @@ class FrameChecks:
         ):
             source = "laser" if step.sweep else " + ".join(step.lamps)
             finding = f"{camera}: no light of {source} in the frame ({light_dn:.1f} dn over black)"
-            if step.exposure_s == self._longest[_light(step)]:
+            if _held_by_hand(step):
+                warnings.append(f"{finding}: the board is turned away from this camera, or from the lamp.")
+            elif step.exposure_s == self._longest[_light(step)]:
                 raise FrameCheckError(f"{finding}: the lamp is dead or hidden.")
-            warnings.append(f"{finding}; a longer exposure of it has to carry this light.")
+            else:
+                warnings.append(f"{finding}; a longer exposure of it has to carry this light.")
         saturated = max(float(np.mean(_sampled(mosaic) >= mosaic.white_dn)) for mosaic in mosaics)
         if (step.lamps or step.sweep) and saturated > MOSTLY:  # before a light box it is meant
             warnings.append(f"{camera}: {saturated:.0%} of the frame is saturated.")
@@ -128,6 +132,11 @@ class FrameChecks:
 def _interval_s(frames: Sequence[RawFrame]) -> float:
     """Between two frames of a burst as the camera took it, which may differ a little from what was asked for."""
     return (frames[-1].taken_s - frames[0].taken_s) / max(len(frames) - 1, 1)
+
+
+def _held_by_hand(step: Step) -> bool:
+    """Whether the step photographs a tilted board, not the one of pose 0, which lies on the turntable."""
+    return (step.mount or {}).get("pose", 0) != 0
 
 
 def _light(step: Step) -> object:

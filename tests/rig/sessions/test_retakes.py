@@ -116,6 +116,24 @@ def test_a_short_exposure_may_be_dark(new_session):
     assert ["no light" in event.text for event in session.events() if event.kind == "warning"] == [True]
 
 
+def test_a_tilted_board_may_turn_its_dark_side_to_a_camera(new_session):
+    """On the turntable (pose 0) it may not: there a dark frame is a dead lamp."""
+    session = new_session(changed("calibrate"))
+    rig, _ = fake_rig(CONFIG)
+    tilted = [step.mount["pose"] != 0 for step in session.steps]
+    rig.cameras["cam0"].spoil = [filled(256) if apart else (lambda frames: frames) for apart in tilted]
+    assert Runner(session, rig).run().state is State.FINISHED
+    turned = ["turned away" in event.text for event in session.events() if event.kind == "warning"]
+    assert turned == [True] * sum(tilted)
+    assert not [event for event in session.events() if event.kind == "retake"]
+
+    level = new_session(changed("calibrate"))
+    rig, _ = fake_rig(CONFIG)
+    rig.cameras["cam0"].spoil = [filled(256) if not apart else (lambda frames: frames) for apart in tilted]
+    Runner(level, rig).run()
+    assert [event.kind for event in level.events() if event.kind == "retake"] == ["retake"] * (len(tilted) - sum(tilted))
+
+
 def spotted(side):
     """A dark frame with a bright square of this side, as a lamp in a mirror ball is; a hot pixel has side 1."""
     mosaic = np.full((60, 80), 256, np.uint16)

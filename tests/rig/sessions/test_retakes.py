@@ -129,9 +129,10 @@ def test_a_tilted_board_may_turn_its_dark_side_to_a_camera(new_session):
 
     level = new_session(changed("calibrate"))
     rig, _ = fake_rig(CONFIG)
-    rig.cameras["cam0"].spoil = [filled(256) if not apart else (lambda frames: frames) for apart in tilted]
+    rig.cameras["cam0"].spoil = [(lambda frames: frames) if apart else filled(256) for apart in tilted]
     Runner(level, rig).run()
-    assert [event.kind for event in level.events() if event.kind == "retake"] == ["retake"] * (len(tilted) - sum(tilted))
+    retakes = [event for event in level.events() if event.kind == "retake"]
+    assert len(retakes) == len(tilted) - sum(tilted)
 
 
 def spotted(side):

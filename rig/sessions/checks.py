@@ -69,6 +69,7 @@ class FrameChecks:
             return Shot(camera, exposure_s, taken_s, transferred, frames[0].data, None, {}), warnings
         attributes = {
             "exposure_s": exposure_s, "interval_s": _interval_s(frames), "serial": frames[0].serial, "taken_s": taken_s,
+            "times_s": [frame.taken_s - taken_s for frame in frames],
             "black_dn": mosaics[0].black_dn, "white_dn": mosaics[0].white_dn,
             "cfa": [list(row) for row in mosaics[0].cfa], "noise_profile": list(profile) if profile else None,
         }  # fmt: skip

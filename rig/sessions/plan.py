@@ -10,7 +10,17 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
 
 from rig.config import shown
 from rig.errors import PlanError
@@ -38,6 +48,13 @@ def _distinct_exposures(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
+def _form(angles: object) -> str:
+    """Whether angles are one list or a list of lists, so that an error speaks of the form that was meant."""
+    nested = isinstance(angles, (list, tuple)) and any(isinstance(item, (list, tuple)) for item in angles)
+    return FORMS[nested]
+
+
+FORMS = ("one list", "list of lists")
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")]
 Degrees = Annotated[float, Field(strict=True, ge=-3600, le=3600)]
 Millimetres = Annotated[float, Field(strict=True, ge=-10_000, le=10_000)]
@@ -47,6 +64,8 @@ Angles = Annotated[tuple[Degrees, ...], Field(min_length=1, max_length=10_000), 
 OptionalAngles = Annotated[tuple[Degrees, ...], Field(max_length=10_000), AfterValidator(_distinct_angles)]
 Exposures = Annotated[tuple[Exposure, ...], Field(min_length=1, max_length=50), AfterValidator(_distinct_exposures)]
 Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=512), AfterValidator(_distinct)]
+Lists = Annotated[tuple[Angles, ...], Field(min_length=1, max_length=100)]
+AnglesOrLists = Annotated[Annotated[Angles, Tag(FORMS[0])] | Annotated[Lists, Tag(FORMS[1])], Discriminator(_form)]
 Texels = Annotated[int, Field(strict=True, ge=4, le=4096)]
 
 
@@ -91,17 +110,39 @@ class BtfPlan(_Model):
 
 
 class MdfPlan(_Model):
-    """Laser sweeps over a flat sample; laser azimuths in the rig frame, elevations are mountings by hand."""
+    """Laser sweeps over a flat sample; laser azimuths in the rig frame, elevations are mountings by hand.
+
+    The azimuths are one list for every mounting, or one list for each of `laser_elevations_deg`, in its order.
+    """
 
     kind: Literal["mdf"]
     sample: Name = "brick"
     turntable_deg: Angles
-    laser_azimuth_deg: Angles
+    laser_azimuth_deg: AnglesOrLists
     laser_elevations_deg: Angles
     cameras: Names
     exposure_s: Exposure
     frame_rate_hz: float = Field(strict=True, gt=0, le=240)
     texels: Texels
+
+    def mountings_deg(self) -> tuple[tuple[float, tuple[float, ...]], ...]:
+        """Every mounting's elevation with its azimuths, lowest first."""
+        return tuple(sorted(zip(self.laser_elevations_deg, self._lists_deg(), strict=True)))
+
+    def _lists_deg(self) -> list[tuple[float, ...]]:
+        lists = [angles for angles in self.laser_azimuth_deg if isinstance(angles, tuple)]
+        shared = tuple(angle for angle in self.laser_azimuth_deg if not isinstance(angle, tuple))
+        return lists or [shared] * len(self.laser_elevations_deg)
+
+    @model_validator(mode="after")
+    def _every_mounting_has_azimuths(self) -> "MdfPlan":
+        lists, mountings = len(self._lists_deg()), len(self.laser_elevations_deg)
+        if lists != mountings:
+            raise ValueError(
+                f"laser_azimuth_deg has {lists} lists and laser_elevations_deg {mountings} mountings: "
+                "name one list for all of them, or one for each"
+            )
+        return self
 
     @model_validator(mode="after")
     def _exposure_fits_the_rate(self) -> "MdfPlan":
@@ -225,7 +266,7 @@ def canonical_json(data: object) -> str:
 
 def _first_problem(error: ValidationError) -> str:
     first = error.errors()[0]
-    path = [str(part) for part in first["loc"]]
+    path = [str(part) for part in first["loc"] if part not in FORMS]
     where = ".".join(path[1:] if path and path[0] in KINDS else path)
     more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
     field = f"field {where}: " if where else ""

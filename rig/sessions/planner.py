@@ -148,10 +148,10 @@ def _mdf(plan: MdfPlan, layout: _Layout) -> Iterator[Step]:
         raise PlanError(f"field laser_elevations_deg: no mounting at {unknown[0]:g} deg; rig.toml has {known}.")
     cameras = layout.cameras(plan.cameras, flat_sample=True)
     frames = ceil(laser.sweep_ticks / laser.ticks_per_s * plan.frame_rate_hz)
-    for elevation_deg in sorted(plan.laser_elevations_deg) if cameras else ():
+    for elevation_deg, azimuths_deg in plan.mountings_deg() if cameras else ():
         mount: Mount = {"sample": plan.sample, "laser_elevation_deg": elevation_deg}
         for turntable_deg in sorted(plan.turntable_deg):
-            for azimuth_deg in sorted(plan.laser_azimuth_deg):
+            for azimuth_deg in sorted(azimuths_deg):
                 axes_deg = layout.axes_deg({"turntable": turntable_deg, "light_arc": azimuth_deg})
                 pose = _Pose(mount, axes_deg, ("turntable", "light_arc"), cameras)
                 yield pose.sweep(plan.exposure_s, frames, 1 / plan.frame_rate_hz)

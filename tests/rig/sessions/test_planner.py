@@ -210,6 +210,7 @@ def test_a_sensor_is_measured_without_lamps_and_every_repeat_is_a_step():
         (changed("srf", arm_deg=[120]), LimitError, r"arm: 120 deg is outside -90 to 90 deg"),
         (changed("mdf", laser_azimuth_deg=[5]), InterlockError, r"light_arc: 5 deg is forbidden \(-12 to 12 deg\)"),
         (changed("calibrate", light_arc_deg=0), InterlockError, r"nothing was moved"),
+        (changed("mdf", laser_azimuth_deg=[[45], [60, 5]]), InterlockError, r"light_arc: 5 deg is forbidden"),
         (changed("mdf", laser_elevations_deg=[40]), PlanError, "35, 50"),
         (changed("srf", lamp="lamp0"), PlanError, "lamp0"),
         (changed("calibrate", lamp="led"), PlanError, "led"),
@@ -221,6 +222,17 @@ def test_a_sensor_is_measured_without_lamps_and_every_repeat_is_a_step():
 def test_an_impossible_plan_is_refused_before_anything_moves(data, error, says):
     with pytest.raises(error, match=says):
         expand(parse_plan(data), CONFIG)
+
+
+def test_mountings_may_have_azimuths_of_their_own():
+    """Each is taken where it was asked for, and a step is the same step in whichever form the plan names it."""
+    steps = steps_of(changed("mdf", laser_elevations_deg=[50, 35], laser_azimuth_deg=[[60, -60, 90], [45]]))
+    taken = {(step.mount["laser_elevation_deg"], round(degrees(step.axes_rad["light_arc"]))) for step in steps}
+    assert len(steps) == 4
+    assert taken == {(35, 45), (50, 60), (50, -60), (50, 90)}
+    flat = steps_of(changed("mdf", laser_elevations_deg=[50, 35], laser_azimuth_deg=[45, 60]))
+    assert flat == steps_of(changed("mdf", laser_elevations_deg=[35, 50], laser_azimuth_deg=[[60, 45], [45, 60]]))
+    assert steps[0] in flat
 
 
 def test_a_rig_without_laser_or_axis_says_so():
@@ -283,7 +295,7 @@ def test_examples_use_only_what_their_comments_count(path):
     counted = {
         "srf": lambda: len(plan.arm_deg) * len(plan.exposures_s),
         "btf": lambda: len(plan.turntable_deg) * len(plan.light_azimuth_deg) * len(plan.lamps) * len(plan.exposures_s),
-        "mdf": lambda: len(plan.turntable_deg) * len(plan.laser_azimuth_deg) * len(plan.laser_elevations_deg),
+        "mdf": lambda: len(plan.turntable_deg) * sum(len(azimuths) for _, azimuths in plan.mountings_deg()),
         "calibrate": lambda: plan.board_poses + len(plan.turntable_deg),
         "sensor": lambda: plan.repeats * (len(plan.dark_exposures_s) + len(plan.flat_exposures_s)),
         "lamps": lambda: lamps_steps(plan),

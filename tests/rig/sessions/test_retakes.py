@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import zarr
 
 from rig.errors import (
     FrameCheckError,
@@ -98,6 +99,29 @@ def test_a_frozen_burst_is_found(new_session):
     Runner(session, rig).run()
     assert ["frozen" in event.text for event in session.events() if event.kind == "retake"] == [True]
     assert whole(session)
+
+
+def test_a_burst_with_a_frame_missing_is_taken_again(new_session):
+    session = new_session(changed("mdf", laser_azimuth_deg=[45], laser_elevations_deg=[35]))
+    rig, _ = fake_rig(CONFIG)
+    rig.cameras["cam1"].spoil = [lambda frames: [*frames[:2], *frames[3:]]]
+    Runner(session, rig).run()
+    assert ["4 frames came" in event.text for event in session.events() if event.kind == "retake"] == [True]
+    assert whole(session)
+
+
+def test_a_burst_keeps_the_time_of_every_frame(new_session):
+    """As the frames are stamped, also where the camera was late."""
+    late_s = np.array([0.0, 0.1, 0.23, 0.3, 0.45])
+    session = new_session(changed("mdf", laser_azimuth_deg=[45], laser_elevations_deg=[35], cameras=["cam0"]))
+    rig, _ = fake_rig(CONFIG)
+    rig.cameras["cam0"].spoil = [
+        lambda frames: [remade(f, taken_s=frames[0].taken_s + t) for f, t in zip(frames, late_s, strict=True)]
+    ]
+    Runner(session, rig).run()
+    about = zarr.open_array(session.frames()[0].path, mode="r").attrs.asdict()
+    assert about["times_s"] == pytest.approx(late_s)
+    assert about["interval_s"] == pytest.approx(late_s[-1] / 4)
 
 
 def test_a_dead_lamp_fails_the_session_by_name(new_session):

@@ -94,6 +94,7 @@ def test_a_burst_is_one_array_per_camera(tmp_path):
             assert (about["black_dn"], about["white_dn"], about["cfa"]) == (256, 4095, [[0, 1], [1, 2]])
             assert about["exposure_s"] == 0.02
             assert about["interval_s"] == pytest.approx(0.1)
+            assert about["times_s"] == pytest.approx(np.arange(record.step.frames) * 0.1)
             assert about["noise_profile"][0] == pytest.approx(1e-4)
         assert session.verify() == len(records)
 

@@ -8,6 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
+from processing.laser.pulse import UNWANTED
 
 REACH = 12  # frames kept on either side of the brightest one: 4 sigma of the widest stripe that is expected
 
@@ -17,8 +18,9 @@ class Profiles:
     """What is kept of a sweep of n frames: per pixel (row-major, h w of them) the samples around its brightest moment.
 
     `window_dn[pixel, j]` is the sample of frame `brightest[pixel] - reach + j`, to be used only where that frame
-    exists; `brightest` is -1 where a pixel never rose above zero. `second_dn` is the highest other local maximum more
-    than `reach` frames away, `total_dn` the sum over all frames, `times` (n,) the frames' times in frame intervals.
+    exists; `brightest` is -1 where a pixel never rose above zero, UNWANTED outside the mask. `second_dn` is the highest
+    other local maximum more than `reach` frames away, `total_dn` the sum over all frames, `times` (n,) the frames'
+    times in frame intervals.
     """
 
     shape: tuple[int, int]
@@ -66,6 +68,14 @@ class PeakTracker:
         if self._count > self._reach:
             self._judge(self._count - 1 - self._reach)
 
+    def keep(self, mask: NDArray[np.bool_]) -> None:
+        """Judge only the pixels of `mask` (h, w) from here on. Raises ImageError where its shape is not the frames'."""
+        if mask.shape != self._shape:
+            raise ImageError(f"a mask of {mask.shape} for frames of {self._shape} pixels.")
+        unwanted = ~mask.reshape(-1)
+        self._brightest[unwanted] = UNWANTED
+        self._second[unwanted] = np.iinfo(np.uint16).max
+
     def profiles(self, times: Sequence[float] | NDArray[np.floating] | None = None) -> Profiles:
         """End the sweep. `times` (n,) in frame intervals says when each frame was taken: 0, 1, 2, ... if omitted.
 
@@ -87,7 +97,9 @@ class PeakTracker:
 
 
 def track_peaks(
-    frames: Iterable[NDArray[np.uint16]], times: Sequence[float] | NDArray[np.floating] | None = None
+    frames: Iterable[NDArray[np.uint16]],
+    times: Sequence[float] | NDArray[np.floating] | None = None,
+    mask: NDArray[np.bool_] | None = None,
 ) -> Profiles:
     """Profiles of a sweep given as an array (t, h, w) or as any iterable of frames (h, w), uint16 raw_dn.
 
@@ -99,6 +111,8 @@ def track_peaks(
             if np.ndim(frame) != 2:
                 raise ImageError(f"a frame of a sweep is a mosaic (h, w), not an array of shape {np.shape(frame)}.")
             tracker = PeakTracker(frame.shape)
+            if mask is not None:
+                tracker.keep(mask)
         tracker.add(frame)
     if tracker is None:
         raise ImageError("a sweep without frames: nothing was recorded.")

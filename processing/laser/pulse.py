@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 TIME, VARIANCE, AMPLITUDE, AMPLITUDE_VARIANCE, BACKGROUND, WIDTH, STATUS, COST = range(8)
 FIELDS = 8
-OK, TOO_DARK, CUT_OFF, DOUBLE, SATURATED, DISTORTED = range(6)
+UNWANTED = -2  # in place of the brightest frame of a pixel outside the mask
+OK, TOO_DARK, CUT_OFF, DOUBLE, SATURATED, DISTORTED, NOT_WANTED = range(7)
 
 _ITERATIONS = 25
 _TOLERANCE = 1e-3  # of the time's own sigma; the same share of amplitude and width, times ten
@@ -49,6 +50,7 @@ def fit_pulses(
         row[:] = np.nan
         row[AMPLITUDE], row[STATUS] = 0.0, TOO_DARK
         if brightest[pixel] < 0:
+            row[STATUS] = NOT_WANTED if brightest[pixel] == UNWANTED else TOO_DARK
             continue
         count, summed_dn = _gather(window[pixel], brightest[pixel], times, camera, samples, moments)
         if count < 4:

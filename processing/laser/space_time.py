@@ -34,6 +34,7 @@ class PeakStatus(IntEnum):
     DOUBLE = pulse.DOUBLE  # a second comparable peak: interreflection, or two surfaces in one pixel
     SATURATED = pulse.SATURATED  # clipped, and not both flanks are seen
     DISTORTED = pulse.DISTORTED  # not a single pulse of the stripe's width
+    NOT_WANTED = pulse.NOT_WANTED  # outside the mask
 
 
 @dataclass(frozen=True)
@@ -71,16 +72,17 @@ def peak_times(
     sensor: Sensor,
     settings: PulseSettings | None = None,
     times: Sequence[float] | NDArray[np.floating] | None = None,
+    mask: NDArray[np.bool_] | None = None,
 ) -> PeakTimes:
     """Time of the stripe's passage at every pixel of a sweep, one pass over its frames.
 
     `frames`: array (t, h, w) or any iterable of frames (h, w), uint16 raw_dn. `times` (t,) in frame intervals where
-    frames are missing or uneven; 0, 1, 2, ... otherwise.
+    frames are missing or uneven; 0, 1, 2, ... otherwise. `mask` (h, w) says which pixels are wanted; all if omitted.
     Weighted Gaussian maximum likelihood under shot and read noise of time, amplitude, background and width on the
     samples around the brightest one; saturated samples count as 'at least full well'.
-    Raises ImageError where there is no frame, or where one differs in shape or type.
+    Raises ImageError where there is no frame, or where one (or the mask) differs in shape or type.
     """
-    return fit_peaks(track_peaks(frames, times), sensor, settings or PulseSettings())
+    return fit_peaks(track_peaks(frames, times, mask), sensor, settings or PulseSettings())
 
 
 def fit_peaks(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> PeakTimes:

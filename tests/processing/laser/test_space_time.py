@@ -104,6 +104,18 @@ def test_one_pass_over_any_iterable():
     np.testing.assert_array_equal(array.variance, stream.variance)
 
 
+def test_pixels_outside_the_mask_are_not_wanted():
+    """They say so; those inside are measured as if there were no mask."""
+    stack = pulses(range(60), np.linspace(15, 45, 400), 1500.0, 1.0)
+    mask = np.arange(400)[None] % 3 == 0
+    full, part = (peak_times(stack, SENSOR, PulseSettings(1.0), mask=m) for m in (None, mask))
+    assert np.all(part.status[~mask] == PeakStatus.NOT_WANTED)
+    assert np.all(np.isnan(part.time_frames[~mask]))
+    np.testing.assert_array_equal(part.time_frames[mask], full.time_frames[mask])
+    with pytest.raises(ImageError, match="mask"):
+        peak_times(stack, SENSOR, mask=mask[:, 1:])
+
+
 def test_common_width_is_found():
     stack = pulses(range(60), np.linspace(15, 45, 400), 1500.0, 2.2)
     assert typical_width(track_peaks(stack), SENSOR, PulseSettings()) == pytest.approx(2.2, rel=0.02)

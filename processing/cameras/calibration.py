@@ -3,6 +3,7 @@
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +55,15 @@ class CameraModel:
         return geometry.rotate(self.rig_from_camera, self.lens.rays(uv_px))
 
     def pixel_rays(self) -> Array:
-        """Unit rig-frame directions (h, w, 3) through all pixel centres."""
+        """Unit rig-frame directions (h, w, 3) through all pixel centres, computed once; not to be written to."""
+        return self._pixel_rays
+
+    @cached_property
+    def _pixel_rays(self) -> Array:
         rows, columns = np.indices(self.size)
-        return self.rays(np.stack([columns, rows], axis=-1).astype(np.float64))
+        rays = self.rays(np.stack([columns, rows], axis=-1).astype(np.float64))
+        rays.setflags(write=False)
+        return rays
 
     def to_json(self) -> dict[str, Any]:
         """Numbers and lists."""

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from processing import geometry
 from processing.cameras.calibration import CameraModel
+from processing.laser import holder_kernel
 
 Array = NDArray[np.float64]
 _SAFETY_M = 0.0004  # beside half a pixel: the holder's edges are neither sharp nor exactly placed
@@ -37,7 +38,7 @@ class Holder:
 class ReferenceRegion:
     """Pixels (h, w) that see the white frame: `height` is 1 on the upper part, 2 on the lower one, 0 elsewhere.
 
-    `points_m` (h, w, 3) is where they see it, rig frame; meaningless where `height` is 0.
+    `points_m` (h, w, 3) is where they see it, rig frame; NaN where `height` is 0.
     """
 
     points_m: Array
@@ -51,42 +52,31 @@ def plane_hits(camera: CameraModel, z_m: float) -> Array:
 
 def reference_region(camera: CameraModel, rig_from_sample: Array, holder: Holder, source_m: Array) -> ReferenceRegion:
     """Pixels whose whole footprint sees one height of the white frame, lit by a laser near `source_m` (3,)."""
-    upper, lower = plane_hits(camera, 0.0), plane_hits(camera, -holder.step_m)
-    margin = _footprint(upper) / 2 + _SAFETY_M
-    at_upper, at_lower = (_ring_distance(points, rig_from_sample) for points in (upper, lower))
-    towards = np.asarray(source_m) - lower
-    light = lower + towards * (holder.step_m / towards[..., 2:])
-    with np.errstate(invalid="ignore"):
-        on_upper = (at_upper > holder.sample_m / 2 + margin) & (at_upper < holder.inner_m / 2 - margin)
-        on_lower = (at_lower > holder.inner_m / 2 + margin) & (at_lower < holder.outer_m / 2 - margin)
-        for end in (upper, light):  # neither the view ray nor the laser's passes through the upper part
-            on_lower &= _nearest_ring(lower, end, rig_from_sample) > holder.inner_m / 2 + margin
-    height = np.where(on_upper, 1, np.where(on_lower, 2, 0)).astype(np.uint8)
-    return ReferenceRegion(np.where(on_lower[..., None], lower, upper), height)
+    part, points_m = _parts(camera, rig_from_sample, holder, source_m)
+    return ReferenceRegion(points_m, np.where(part == holder_kernel.OPENING, 0, part).astype(np.uint8))
+
+
+def wanted_pixels(camera: CameraModel, rig_from_sample: Array, holder: Holder, source_m: Array) -> NDArray[np.bool_]:
+    """Pixels (h, w) that a sweep's analysis needs: those of the reference region and those that look into the opening.
+
+    `source_m` (3,) is about where the laser stands; it decides which of the lower white frame lies in the shadow.
+    """
+    return np.asarray(_parts(camera, rig_from_sample, holder, source_m)[0] != holder_kernel.NOTHING)
 
 
 def opening(camera: CameraModel, rig_from_sample: Array, holder: Holder) -> NDArray[np.bool_]:
     """Pixels (h, w) whose rays enter the sample's opening through the reference plane."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(_ring_distance(plane_hits(camera, 0.0), rig_from_sample) < holder.sample_m / 2)
+    anywhere = np.array([0.0, 0.0, 1.0])
+    return np.asarray(_parts(camera, rig_from_sample, holder, anywhere)[0] == holder_kernel.OPENING)
 
 
-def _ring_distance(points_m: Array, rig_from_sample: Array) -> Array:
-    """Half side of the axis-parallel square of the sample frame on which each point lies."""
-    local = geometry.transform_points(geometry.invert(rig_from_sample), points_m)
-    return np.asarray(np.abs(local[..., :2]).max(axis=-1))
-
-
-def _nearest_ring(start_m: Array, end_m: Array, rig_from_sample: Array) -> Array:
-    """The least of `_ring_distance` along the way from one point to another."""
-    shares = np.linspace(0.0, 1.0, 9)
-    rings = [_ring_distance(start_m + share * (end_m - start_m), rig_from_sample) for share in shares]
-    return np.asarray(np.min(rings, axis=0))
-
-
-def _footprint(points_m: Array) -> Array:
-    """Length of a pixel's larger side on the plane."""
-    if min(points_m.shape[:2]) < 2:
-        return np.full(points_m.shape[:2], np.nan)
-    sides = [np.linalg.norm(np.gradient(points_m, axis=axis), axis=-1) for axis in (0, 1)]
-    return np.asarray(np.maximum(*sides))
+def _parts(
+    camera: CameraModel, rig_from_sample: Array, holder: Holder, source_m: Array
+) -> tuple[NDArray[np.uint8], Array]:
+    """What of the holder every pixel sees (h, w), and where it sees the white frame (h, w, 3)."""
+    sides = np.array([holder.sample_m, holder.inner_m, holder.outer_m]) / 2
+    part, points_m = np.empty(camera.size, np.uint8), np.empty((*camera.size, 3))
+    view = (np.ascontiguousarray(camera.centre_m), np.asarray(source_m, np.float64))
+    box = (geometry.invert(rig_from_sample), sides, holder.step_m, _SAFETY_M)
+    holder_kernel.see_holder(camera.pixel_rays(), view, box, part, points_m)
+    return part, points_m

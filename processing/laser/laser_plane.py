@@ -14,22 +14,26 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from processing.cameras.calibration import CameraModel
-from processing.laser.fan import Fan, fan_angle, fan_gradient, fan_source
+from processing.laser import sweep_kernel
+from processing.laser.even_spline import abscissae, even_knots, spline_on
+from processing.laser.fan import Fan, fan_angle, fan_frame, fan_source
 from processing.laser.holder import Holder, reference_region
+from processing.laser.range_kernel import SweepModel
 from processing.laser.space_time import PeakStatus, PeakTimes
 from processing.robust import biweight, bulk_deviation
 
 Array = NDArray[np.float64]
-_KNOT_FRAMES = 2.0  # follows a ripple of eight frames' period to a fiftieth of its amplitude
-_UNEVENNESS = 0.1  # relative change of the motor's speed from knot to knot (one sigma)
+_KNOT_FRAMES = 1.0
+_UNEVENNESS = 0.1  # relative change of the motor's speed from knot to knot (one sigma), before the sweep tells its own
+_EVENEST = 1e-4
 _MIN_POINTS = 60
 _MAX_POINTS = 12000
 _ITERATIONS = 30
 _SLOWEST = 0.3  # of the mean speed: where the spline is slower, it follows noise
 _LATEST_FRAMES = 0.5  # by which a time is corrected; what is later is an outlier
 _STEP_M = 1e-4  # in height that tells the holder's two levels apart
+_SHORTEST_FRAMES = 8.0  # of a sweep whose motion can be told
 _SECOND_HEIGHT = 0.02  # share of the points that must lie on the lower one
-_CHUNK = 32768
 
 
 class SweepStatus(IntEnum):
@@ -99,6 +103,12 @@ class LaserSweep:
         """One-sigma uncertainties (4,) of `fan`."""
         return np.asarray(np.sqrt(np.diag(self.covariance)[:4]))
 
+    @property
+    def model(self) -> SweepModel:
+        """The planes and their uncertainty as the kernels take them."""
+        spline = (self.spline.t, self.spline.c)
+        return SweepModel(fan_frame(self.fan), *spline, self.covariance, self.excess_rad**2, self.first, self.last)
+
     def planes(self, time_frames: NDArray[np.floating]) -> tuple[Array, Array]:
         """Unit normals (..., 3) and offsets (...) of the planes n . p = d at these times; NaN outside the sweep."""
         source, level, up = fan_source(self.fan)
@@ -107,19 +117,6 @@ class LaserSweep:
         angle = np.where(inside, self.spline(np.where(inside, time_frames, self.first)), np.nan)[..., None]
         normal = np.sin(angle) * level - np.cos(angle) * up
         return normal, normal @ source
-
-    def angle_variance(self, points_m: Array, time_frames: Array, time_variance: Array) -> Array:
-        """Variance (n,) in rad^2 of the angle between the plane at a time and the point (n, 3) measured by it.
-
-        The time's own variance, the model's uncertainty there, and the unexplained scatter.
-        """
-        variance = self.spline.derivative()(time_frames) ** 2 * time_variance + self.excess_rad**2
-        for start in range(0, len(points_m), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            basis = _basis(self.spline.t, time_frames[part])
-            jacobian = np.hstack([fan_gradient(self.fan, points_m[part]), -basis])
-            variance[part] += np.einsum("ij,ij->i", jacobian @ self.covariance, jacobian)
-        return np.asarray(variance, np.float64)
 
 
 def sweep_planes(
@@ -131,7 +128,8 @@ def sweep_planes(
     """
     region = reference_region(camera, rig_from_sample, holder, fan_source(mount.fan)[0])
     chosen = np.flatnonzero((region.height > 0) & (peaks.status == PeakStatus.OK))
-    chosen = chosen[:: max(-(-chosen.size // _MAX_POINTS), 1)]
+    stride = max(-(-chosen.size // _MAX_POINTS), 1)
+    chosen = chosen[:: stride + 1 - stride % 2]  # an odd step meets all colours of the mosaic
     time, variance = (values.ravel()[chosen].astype(np.float64) for values in (peaks.time_frames, peaks.variance))
     return fit_sweep(region.points_m.reshape(-1, 3)[chosen], time, variance, mount)
 
@@ -140,14 +138,19 @@ def fit_sweep(points_m: Array, time_frames: Array, time_variance: Array, mount: 
     """Laser planes from rig-frame points (n, 3) and the times (n,) with variances (n,) at which the plane held them.
 
     Robust least squares of every point's angle about the fan's axis against a cubic spline of its time: iteratively
-    reweighted (Tukey) from a median line, with the mount's tolerances and the motor's evenness as priors.
+    reweighted (Tukey) from a median line, with the mount's tolerances as priors and a spline as smooth as the sweep
+    itself tells. Points that are not finite have no say.
     """
+    finite = np.isfinite(points_m).all(axis=1) & np.isfinite(time_frames) & (time_variance > 0.0)
+    points_m, time_frames, time_variance = points_m[finite], time_frames[finite], time_variance[finite]
     if len(points_m) < _MIN_POINTS:
         return _no_stripe(mount, len(points_m))
     first, last = np.percentile(time_frames, [0.5, 99.5])
     inside = (time_frames >= first) & (time_frames <= last)
+    if last - first < _SHORTEST_FRAMES:
+        return _no_stripe(mount, len(points_m))
     problem = _Problem(points_m[inside], time_frames[inside], time_variance[inside], mount, _knots(first, last))
-    if last - first < 4 * _KNOT_FRAMES or problem.rate == 0.0:
+    if problem.rate == 0.0:
         return _no_stripe(mount, len(points_m))
     solution, covariance, weights = problem.solve()
     used = problem.points_m[weights > 0.0]
@@ -155,7 +158,7 @@ def fit_sweep(points_m: Array, time_frames: Array, time_variance: Array, mount: 
     return LaserSweep(
         SweepStatus.ONE_HEIGHT if one_height else SweepStatus.OK,
         solution[:4],
-        BSpline(problem.knots, solution[4:], 3),
+        spline_on(problem.knots, solution[4:]),
         covariance,
         float(first),
         float(last),
@@ -167,7 +170,7 @@ def fit_sweep(points_m: Array, time_frames: Array, time_variance: Array, mount: 
 
 def _no_stripe(mount: LaserMount, points: int) -> LaserSweep:
     unknown = np.full((8, 8), np.nan)
-    spline = BSpline(_knots(0.0, 1.0), np.zeros(4), 3)
+    spline = spline_on(even_knots(0.0, 1.0, 1), np.zeros(4))
     return LaserSweep(SweepStatus.NO_STRIPE, mount.fan, spline, unknown, np.inf, -np.inf, np.nan, points, points)
 
 
@@ -178,24 +181,28 @@ class _Problem:
         self.points_m, self.time, self.variance, self.mount, self.knots = points_m, time, variance, mount, knots
         self.rate, start = _median_line(time, fan_angle(mount.fan, points_m))
         self.excess = bulk_deviation(fan_angle(mount.fan, points_m) - start - self.rate * time)
-        self.start = np.concatenate([mount.fan, start + self.rate * _greville(knots)])
-        self.prior = self._prior()
+        self.start = np.concatenate([mount.fan, start + self.rate * abscissae(knots)])
+        self.unevenness = _UNEVENNESS
 
     def solve(self) -> tuple[Array, Array, Array]:
         """Solution, covariance, and the final robust weights of the points."""
-        solution = self.start
+        solution, before = self.start, np.full(len(self.time), np.inf)
         for iteration in range(_ITERATIONS):
-            spline = BSpline(self.knots, solution[4:], 3)
-            speed = spline.derivative()(self.time)
-            residual = fan_angle(solution[:4], self.points_m) - spline(self.time)
+            residual, speed = self._residuals(solution)
             sigma = self._sigma(residual, speed)
             weights = biweight(residual, sigma)
-            jacobian = self._jacobian(solution, residual, speed)
-            covariance, step = self._step(solution, residual / sigma, jacobian / sigma[:, None], weights)
-            solution = solution + step
-            if iteration > 5 and np.abs(jacobian @ step).max() < 1e-2 * np.median(sigma):
+            covariance, step = self._step(solution, (residual, weights / sigma**2), speed)
+            if iteration > 5 and np.abs(residual - before).max() < 1e-2 * np.median(sigma):
                 break
+            solution, before = solution + step, residual
+            self._learn_unevenness(solution, covariance)
         return solution, covariance, weights
+
+    def _residuals(self, solution: Array) -> Array:
+        """Angles (2, n): every point's less the plane's at its time, and the plane's speed then."""
+        found = np.empty((2, len(self.time)))
+        sweep_kernel.residuals(self.points_m, self.time, fan_frame(solution[:4]), (self.knots, solution[4:]), found)
+        return found
 
     def _sigma(self, residual: Array, speed: Array) -> Array:
         """Standard deviation of every residual; brings `excess` to where the robust scale of residual / sigma is 1."""
@@ -206,43 +213,45 @@ class _Problem:
             self.excess = float(np.sqrt(max(self.excess**2 + change, 1e-4 * np.median(noise))))
         return np.asarray(np.sqrt(noise + self.excess**2))
 
-    def _jacobian(self, solution: Array, residual: Array, speed: Array) -> Array:
-        """Derivatives of the residuals at the times that the model gives to the points, not at the measured ones.
+    def _step(self, solution: Array, errors: tuple[Array, Array], speed: Array) -> tuple[Array, Array]:
+        """Covariance of the solution, and the way to the next one.
 
-        The times carry the noise, the points do not: with the noise among the regressors the laser would seem too far.
+        The derivatives are those at the times that the model gives to the points, not at the measured ones. The times
+        carry the noise, the points do not: with the noise among the regressors the laser would seem too far.
         """
-        late = residual / np.where(np.abs(speed) > _SLOWEST * abs(self.rate), speed, self.rate)
-        basis = _basis(self.knots, self.time + np.clip(late, -_LATEST_FRAMES, _LATEST_FRAMES))
-        return np.hstack([fan_gradient(solution[:4], self.points_m), -basis])
-
-    def _step(self, solution: Array, residual: Array, jacobian: Array, weights: Array) -> tuple[Array, Array]:
-        normal = (jacobian * weights[:, None]).T @ jacobian + self.prior
-        pull = jacobian.T @ (weights * residual) + self.prior @ (solution - self.start)
+        late = errors[0] / np.where(np.abs(speed) > _SLOWEST * abs(self.rate), speed, self.rate)
+        time = self.time + np.clip(late, -_LATEST_FRAMES, _LATEST_FRAMES)
+        normal = self._prior()
+        pull = normal @ (solution - self.start)
+        sweep_kernel.normal_equations(self.points_m, time, errors, fan_frame(solution[:4]), self.knots, (normal, pull))
         covariance = np.asarray(np.linalg.inv(normal), np.float64)
         return covariance, -covariance @ pull
 
     def _prior(self) -> Array:
         """Inverse covariance of the deviation from the start: the mount's tolerances, the motor's evenness."""
-        count = len(self.knots) - 4
-        second = np.diff(np.eye(count), n=2, axis=0) / (_UNEVENNESS * abs(self.rate) * _KNOT_FRAMES + 1e-12)
+        count = len(self.start) - 4
+        second = np.diff(np.eye(count), n=2, axis=0) / (self.unevenness * self._advance)
         prior = np.zeros((4 + count, 4 + count))
         prior[:4, :4] = np.diag(self.mount.weights)
         prior[4:, 4:] = second.T @ second
         return prior
 
+    def _learn_unevenness(self, solution: Array, covariance: Array) -> None:
+        """Let the changes of speed be as large as those found: their evidence's maximum (MacKay 1992, section 4)."""
+        change = np.diff(solution[4:], n=2) / self._advance
+        bend = np.diff(np.eye(len(solution) - 4), n=2, axis=0) / self._advance
+        spread = np.einsum("ij,jk,ik->", bend, covariance[4:, 4:], bend, optimize=True)
+        determined = max(len(change) - float(spread) / self.unevenness**2, 1.0)
+        self.unevenness = max(float(np.sqrt(change @ change / determined)), _EVENEST)
+
+    @property
+    def _advance(self) -> float:
+        """Angle from knot to knot at the mean speed."""
+        return abs(self.rate) * float(self.knots[1] - self.knots[0])
+
 
 def _knots(first: float, last: float) -> Array:
-    pieces = max(int(np.ceil((last - first) / _KNOT_FRAMES)), 1)
-    return np.concatenate([[first] * 3, np.linspace(first, last, pieces + 1), [last] * 3])
-
-
-def _greville(knots: Array) -> Array:
-    """The times at which coefficients on a straight line make the spline that line."""
-    return np.asarray((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
-
-
-def _basis(knots: Array, time: Array) -> Array:
-    return np.asarray(BSpline.design_matrix(np.clip(time, knots[0], knots[-1]), knots, 3).toarray())
+    return even_knots(first, last, max(int(np.ceil((last - first) / _KNOT_FRAMES)), 1))
 
 
 def _median_line(time: Array, angle: Array) -> tuple[float, float]:

@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing import geometry
+from processing.laser.even_spline import abscissae, basis, even_knots, locate, spline_on, value_and_slope
 from processing.laser.fan import fan_angle, fan_distance, fan_gradient, fan_source
-from processing.laser.holder import opening, reference_region
+from processing.laser.holder import opening, reference_region, wanted_pixels
 from processing.laser.laser_plane import SweepStatus, fit_sweep
+from tests.reference import laser_range as twin
 from tests.reference.stripe_rig import HOLDER, Rig, camera_at, flat
 
 RIG = Rig(camera_at(60), flat(0.002))
@@ -41,15 +43,56 @@ def test_reference_points_are_where_the_rays_hit():
         assert not (chosen & opening(rig.camera, rig.rig_from_sample, HOLDER)).any()
 
 
-def test_gradient_of_the_fan_angle():
-    points = np.array([[0.01, -0.02, 0.0], [-0.04, 0.03, -0.008]])
-    step = 1e-6
-    for index, slope in enumerate(fan_gradient(TRUE, points).T):
-        moved = TRUE.copy()
-        moved[index] += step
-        np.testing.assert_allclose(
-            (fan_angle(moved, points) - fan_angle(TRUE, points)) / step, slope, rtol=1e-3, atol=1e-4
-        )
+VIEWS = (
+    RIG,
+    replace(RIG, turntable_deg=30.0, camera=camera_at(25)),
+    replace(RIG, turntable_deg=77.0, camera=camera_at(15), azimuth_deg=170.0),
+    replace(RIG, camera=camera_at(88), azimuth_deg=-100.0),
+)
+
+
+@pytest.mark.parametrize("rig", VIEWS, ids=["high", "turned", "low", "above"])
+def test_every_pixel_sees_the_part_that_the_twin_sees(rig):
+    """But for the few whose way passes an edge between two of the twin's steps."""
+    view = (rig.camera, rig.rig_from_sample, HOLDER, rig.source)
+    expected = twin.holder_parts(*view)
+    height, sample = reference_region(*view).height, opening(*view[:3])
+    np.testing.assert_array_equal(sample, expected == twin.OPENING)
+    assert np.mean(np.where(sample, twin.OPENING, height) != expected) < 2e-4
+    np.testing.assert_array_equal(wanted_pixels(*view), (height > 0) | sample)
+
+
+def test_a_camera_of_one_row_knows_no_footprint():
+    """So no pixel is safe from an edge; those that look into the opening do not need it."""
+    row = replace(RIG.camera, size=(1, 160))
+    assert not reference_region(row, RIG.rig_from_sample, HOLDER, RIG.source).height.any()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.tuples(st.floats(0.3, 1.4), st.floats(0.3, 2.0), st.floats(-3.1, 3.1), st.floats(-0.1, 0.1)).map(np.array),
+    st.tuples(*[st.floats(-0.05, 0.05)] * 3),
+)
+def test_gradient_of_the_fan_angle(fan, point):
+    """To the error of central differences."""
+    points = np.array([point, (0.0, 0.0, 0.0)])
+    np.testing.assert_allclose(fan_gradient(fan, points), twin.fan_slopes(fan, points), rtol=1e-6, atol=1e-7)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 40), st.floats(-1e4, 1e4), st.integers(0, 2**32 - 1))
+def test_even_splines_are_scipys(pieces, first, seed):
+    """Value, slope and basis at any time between the ends."""
+    rng = np.random.default_rng(seed)
+    knots, coefficients = even_knots(first, first + 1.5 * pieces, pieces), rng.normal(size=pieces + 3)
+    spline = spline_on(knots, coefficients)
+    np.testing.assert_allclose(spline_on(knots, 2 * abscissae(knots))(knots[3:-3]), 2 * knots[3:-3], atol=1e-8)
+    for time in rng.uniform(knots[3], knots[-4], 5):
+        value, slope = value_and_slope.py_func(knots, coefficients, time)
+        assert value == pytest.approx(float(spline(time)), abs=1e-9)
+        assert slope == pytest.approx(float(spline.derivative()(time)), abs=1e-8)
+        piece, place = locate.py_func(knots, time)
+        assert basis.py_func(place) @ coefficients[piece : piece + 4] == pytest.approx(value, abs=1e-9)
 
 
 def test_fan_is_the_plane_through_source_and_point():

@@ -9,8 +9,9 @@ from processing.errors import ImageError
 from processing.laser.holder import opening
 from processing.laser.laser_plane import SweepStatus
 from processing.laser.mdf import Sweep, measure_sweep
-from processing.laser.range_image import RangeStatus
+from processing.laser.range_image import RangeStatus, range_image
 from processing.laser.space_time import PeakStatus
+from tests.reference import laser_range as twin
 from tests.reference.stripe_rig import HOLDER, SENSOR, Rig, bump, camera_at, flat, shoot, step
 
 
@@ -52,6 +53,29 @@ def test_errors_are_as_large_as_they_say(rig):
     assert completeness(rig, result, true) > 0.98
     never = (result.image.status == RangeStatus.MEASURED) & np.isnan(true)
     assert never.sum() < 0.002 * np.isfinite(true).sum()  # no false points
+
+
+@pytest.mark.parametrize("elevation_deg", [30, 75])
+def test_rays_are_cut_as_in_the_twin(elevation_deg):
+    """Status, displacement and variance, also of times outside the sweep and of points outside the box."""
+    rig = Rig(camera_at(elevation_deg), bump, turntable_deg=20.0)
+    frames, _ = shoot(rig)
+    result = measure(rig, frames)
+    rng = np.random.default_rng(3)
+    wild = rng.random(rig.camera.size) < 0.3
+    times = np.where(wild, rng.uniform(-9, 105, wild.shape), result.peaks.time_frames).astype(np.float32)
+    variance = np.where(wild, 1e-4, result.peaks.variance).astype(np.float32)
+    peaks = replace(
+        result.peaks, time_frames=times, variance=variance, status=np.where(np.isnan(times), 1, 0).astype(np.uint8)
+    )
+    image = range_image(peaks, rig.camera, rig.rig_from_sample, HOLDER, result.laser)
+    status, displacement, spread = twin.cut_rays(
+        times, variance, rig.camera, (rig.rig_from_sample, HOLDER), result.laser
+    )
+    np.testing.assert_array_equal(image.status, status)
+    assert set(np.unique(status)) == set(RangeStatus)
+    np.testing.assert_allclose(image.displacement_m, displacement, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(image.variance_m2, spread, rtol=1e-4)
 
 
 def test_red_pixels_reach_the_shot_noise():

@@ -17,8 +17,9 @@ from PIL import Image, ImageSequence
 from processing import geometry
 from processing.errors import CalibrationError, ImageError
 from processing.laser.plane_fit import Plane, fit_plane, plane_angle
+from processing.laser.ridge import stripe_ridge
 from processing.laser.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
-from processing.laser.stripe import redness, stripe_line, stripe_ridge
+from processing.laser.stripe import redness, stripe_line
 from processing.radiometry.sensor import Sensor
 from processing.robust import bulk_deviation
 

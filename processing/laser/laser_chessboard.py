@@ -18,7 +18,8 @@ from scipy.io.matlab import MatReadError
 from processing import geometry
 from processing.errors import ImageError
 from processing.laser.plane_fit import Plane, fit_plane, plane_angle
-from processing.laser.stripe import redness, stripe_line, stripe_ridge
+from processing.laser.ridge import stripe_ridge
+from processing.laser.stripe import redness, stripe_line
 from processing.robust import biweight, bulk_deviation
 
 Array = NDArray[np.float64]

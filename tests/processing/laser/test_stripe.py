@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from processing.errors import ImageError
 from processing.laser.plane_fit import Plane, fit_plane, plane_angle
-from processing.laser.stripe import redness, stripe_line, stripe_ridge
+from processing.laser.ridge import stripe_ridge
+from processing.laser.stripe import redness, stripe_line
 
 
 def painted(angle_rad, offset_px, noise=0.0, seed=0):

@@ -34,7 +34,7 @@ from simulators.pose import Pose
 from simulators.recent import Recent
 from simulators.scene import Floats, Hits
 from simulators.sensor import Sensor, Unit
-from simulators.studio import Studio
+from simulators.studio import CAP, LIGHTBOX, Studio
 from simulators.truth import Argument, Truth
 
 SAMPLES = {"small": (2, 4), "full": (1, 2)}  # rays per pixel along each axis; the second for the printed board's edges
@@ -42,7 +42,6 @@ SPECKLE = 0.03  # contrast
 BLUR_PX = 0.5  # standard deviation of the lens and the sensor's low-pass filter; the laser is taken as sharp
 VIEW_BYTES, MOSAIC_BYTES = 256 << 20, 64 << 20
 ISO, F_NUMBER, PIXEL_PITCH_M = 100, 8.0, 6e-6
-CAP, LIGHTBOX = "cap", "lightbox"  # before every lens: no light at all, or an even diffuse field
 LIGHTBOX_RADIANCE = 0.9 / np.pi  # as white that faces a lamp
 
 # XYZ to linear sRGB primaries under D65 (IEC 61966-2-1), which the sensor's channels follow up to its white balance.

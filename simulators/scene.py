@@ -52,6 +52,26 @@ class Scene(Protocol):
         ...
 
 
+class Sample(Protocol):
+    """What fills the holder's opening, in the sample frame, metres: it closes the opening at the bottom.
+
+    Both questions are about straight ways (n, 3) from points (n, 3); they start outside the sample.
+    """
+
+    @property
+    def offset_m(self) -> float:
+        """How far off its surface shadow rays start: more than its pieces sag under the curves they stand for."""
+        ...
+
+    def trace(self, starts: Array, ways: Array) -> Hits:
+        """First hits on the ways."""
+        ...
+
+    def blocks(self, starts: Array, ways: Array) -> Mask:
+        """Which ways (n,) are not free."""
+        ...
+
+
 def matt(count: int, albedo: float) -> Material:
     """`count` points of a Lambertian material, the same in all channels."""
     return Material(

@@ -1,22 +1,47 @@
 """The scenes in the rig: what a ray from anywhere in the rig hits, and which light falls on it."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from simulators.layout import Array, Layout, build_layout, rotation, transform
+from simulators.layout import Array, HolderLayout, Layout, build_layout, rotation, transform
 from simulators.light import radiance
 from simulators.pose import Pose
+from simulators.samples.brick import brick_relief
+from simulators.samples.mesh import Mesh, MeshSample
+from simulators.samples.relief import Relief, ReliefSample, flat_relief
+from simulators.samples.weave import weave_mesh
 from simulators.scene import Floats, Hits, Mask, Scene
 from simulators.scene_board import BoardScene
 from simulators.scene_holder import HolderScene
 from simulators.scene_mirror import MirrorScene
-from simulators.scene_relief import brick_relief, flat_relief
 from simulators.scene_sphere import SphereScene
 from simulators.sensor import Sensor, Unit, build_unit
 
+CAP, LIGHTBOX = "cap", "lightbox"  # stand before every lens: no light at all, or an even diffuse field
 FLOOR_ALBEDO = 0.03  # of the empty opening's bottom
+
+
+def _in_holder(relief: Callable[[Layout], Relief]) -> Callable[[Layout], Scene]:
+    """Builds the scene of a height field in the holder."""
+    return lambda layout: HolderScene(layout.holder, ReliefSample(relief(layout)))
+
+
+def _mesh_in_holder(mesh: Callable[[HolderLayout, int], Mesh]) -> Callable[[Layout], Scene]:
+    """Builds the scene of bodies in the holder, which are periodic over the part of the opening that is measured."""
+    return lambda layout: HolderScene(layout.holder, MeshSample(mesh(layout.holder, layout.seed)))
+
+
+SCENES: Mapping[str, Callable[[Layout], Scene]] = {
+    "none": _in_holder(lambda layout: flat_relief(layout.holder.opening_m, -layout.holder.depth_m, FLOOR_ALBEDO)),
+    "white": _in_holder(lambda layout: flat_relief(layout.holder.opening_m, 0.0, layout.holder.albedo)),
+    "brick": _in_holder(lambda layout: brick_relief(layout.holder.opening_m, layout.seed)),
+    "weave": _mesh_in_holder(weave_mesh),
+    "sphere": lambda layout: SphereScene(layout.sphere, layout.seed),
+    "charuco": lambda layout: BoardScene(layout.board),
+    "mirror": lambda layout: MirrorScene(layout.mirror),
+}
 
 
 @dataclass(frozen=True)
@@ -35,6 +60,7 @@ class Studio:
         self.seed = seed
         self.layout: Layout = build_layout(seed, size)
         self._sensors: dict[str, Unit] = {}
+        self._scenes: dict[str, Scene] = {}
 
     def sensor(self, camera: str) -> Unit:
         """The camera's own sensor; it belongs to the seed and the serial number."""
@@ -46,20 +72,11 @@ class Studio:
 
     def scene(self, sample: str) -> Scene:
         """The scene of a sample. Raises ValueError where there is none of this name."""
-        match sample:
-            case "brick":
-                return self._brick
-            case "white":
-                return self._white
-            case "none":
-                return self._empty
-            case "sphere":
-                return self._sphere
-            case "charuco":
-                return self._board
-            case "mirror":
-                return self.mirror
-        raise ValueError(f"no sample {sample!r}")
+        if sample not in SCENES:
+            raise ValueError(f"no sample {sample!r}: one of {', '.join(SCENES)}")
+        if sample not in self._scenes:
+            self._scenes[sample] = SCENES[sample](self.layout)
+        return self._scenes[sample]
 
     def rig_from_scene(self, pose: Pose) -> Array:
         """Rigid transform (4, 4): all but the sphere stand on the turntable, the board tilted by hand besides."""
@@ -104,31 +121,3 @@ class Studio:
         return radiance(hits, self.lit(pose, hits, lamp.position_m), source, eye, lamp.reach_m) * np.float32(
             lamp.strength
         )
-
-    @cached_property
-    def mirror(self) -> MirrorScene:
-        """The polished ball."""
-        return MirrorScene(self.layout.mirror)
-
-    @cached_property
-    def _brick(self) -> HolderScene:
-        holder = self.layout.holder
-        return HolderScene(holder, brick_relief(holder.opening_m, self.seed))
-
-    @cached_property
-    def _white(self) -> HolderScene:
-        holder = self.layout.holder
-        return HolderScene(holder, flat_relief(holder.opening_m, 0.0, holder.albedo))
-
-    @cached_property
-    def _empty(self) -> HolderScene:
-        holder = self.layout.holder
-        return HolderScene(holder, flat_relief(holder.opening_m, -holder.depth_m, FLOOR_ALBEDO))
-
-    @cached_property
-    def _sphere(self) -> SphereScene:
-        return SphereScene(self.layout.sphere, self.seed)
-
-    @cached_property
-    def _board(self) -> BoardScene:
-        return BoardScene(self.layout.board)

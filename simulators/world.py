@@ -12,9 +12,9 @@ from simulators.layout import Layout
 from simulators.motor import LaserMotor
 from simulators.pose import Pose
 from simulators.stage import Stage
+from simulators.studio import CAP, LIGHTBOX, SCENES
 
-# The last two stand before every lens.
-SAMPLES = ("none", "brick", "sphere", "charuco", "white", "mirror", "cap", "lightbox")
+SAMPLES = (*SCENES, CAP, LIGHTBOX)
 STOPS = (-0.05, 1.15)  # of the laser's gear train, in sweeps
 
 

@@ -2,16 +2,17 @@ import numpy as np
 import pytest
 
 from simulators.layout import HolderLayout, direction
+from simulators.samples.brick import brick_relief
+from simulators.samples.relief import ReliefSample, flat_relief
 from simulators.scene import matt
 from simulators.scene_holder import HolderScene
-from simulators.scene_relief import brick_relief, flat_relief
 
 HOLDER = HolderLayout()
 
 
 @pytest.fixture(scope="module")
 def brick() -> HolderScene:
-    return HolderScene(HOLDER, brick_relief(HOLDER.opening_m, 1))
+    return HolderScene(HOLDER, ReliefSample(brick_relief(HOLDER.opening_m, 1)))
 
 
 def _solid(scene: HolderScene, points: np.ndarray) -> np.ndarray:
@@ -22,7 +23,7 @@ def _solid(scene: HolderScene, points: np.ndarray) -> np.ndarray:
     ground[far <= HOLDER.lower_m / 2] = -HOLDER.step_m
     ground[far <= HOLDER.upper_m / 2] = 0.0
     inside = far < HOLDER.opening_m / 2
-    ground[inside] = scene.heights(x[inside], y[inside])
+    ground[inside] = scene.sample.heights(x[inside], y[inside])
     return z <= ground
 
 
@@ -70,15 +71,15 @@ def test_shadows_are_those_of_dense_sampling(brick, polar):
 
 
 def test_the_brick_fills_its_box_and_no_more(brick):
-    height = brick.relief.height_m
+    height = brick.sample.relief.height_m
     assert -HOLDER.depth_m <= height.min() < -0.0025
     assert -0.0006 < height.max() <= -0.0003
-    assert 0 < brick.relief.albedo.min() <= brick.relief.albedo.max() < 1
+    assert 0 < brick.sample.relief.albedo.min() <= brick.sample.relief.albedo.max() < 1
 
 
 def test_the_brick_tiles_without_a_seam(brick):
     """Steps across the border are like steps inside."""
-    height = brick.relief.height_m
+    height = brick.sample.relief.height_m
     for axis in (0, 1):
         inside = np.abs(np.diff(height, axis=axis)).mean()
         across = np.abs(np.take(height, 0, axis=axis) - np.take(height, -1, axis=axis)).mean()
@@ -89,11 +90,11 @@ def test_normals_are_those_of_the_relief(brick):
     eye, way = _rays(300, 3)
     hits = brick.trace(eye, way)
     inside = np.max(np.abs(hits.points[:, :2]), axis=1) < HOLDER.opening_m / 2 - 0.001
-    on_top = inside & (np.abs(hits.points[:, 2] - brick.heights(hits.points[:, 0], hits.points[:, 1])) < 1e-6)
+    on_top = inside & (np.abs(hits.points[:, 2] - brick.sample.heights(hits.points[:, 0], hits.points[:, 1])) < 1e-6)
     x, y, _ = hits.points[on_top].T
     h = 0.06 / 512
-    slope_x = (brick.heights(x + h, y) - brick.heights(x - h, y)) / (2 * h)
-    slope_y = (brick.heights(x, y + h) - brick.heights(x, y - h)) / (2 * h)
+    slope_x = (brick.sample.heights(x + h, y) - brick.sample.heights(x - h, y)) / (2 * h)
+    slope_y = (brick.sample.heights(x, y + h) - brick.sample.heights(x, y - h)) / (2 * h)
     normals = np.column_stack([-slope_x, -slope_y, np.ones(len(x))])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     assert len(x) > 30
@@ -101,7 +102,7 @@ def test_normals_are_those_of_the_relief(brick):
 
 
 def test_the_white_plate_lies_in_the_reference_plane():
-    white = HolderScene(HOLDER, flat_relief(HOLDER.opening_m, 0.0, 0.9))
+    white = HolderScene(HOLDER, ReliefSample(flat_relief(HOLDER.opening_m, 0.0, 0.9)))
     eye, way = _rays(200, 4)
     hits = white.trace(eye, way)
     near = np.max(np.abs(hits.points[:, :2]), axis=1) < HOLDER.upper_m / 2 - 1e-6
@@ -112,7 +113,7 @@ def test_the_white_plate_lies_in_the_reference_plane():
 
 
 def test_the_step_shades_the_lower_frame():
-    white = HolderScene(HOLDER, flat_relief(HOLDER.opening_m, 0.0, 0.9))
+    white = HolderScene(HOLDER, ReliefSample(flat_relief(HOLDER.opening_m, 0.0, 0.9)))
     eye = np.array([0.0, 0.0, 1.0])
     targets = np.array([[0.040, 0, -0.008], [0.049, 0, -0.008], [-0.040, 0, -0.008]])
     way = (targets - eye) / np.linalg.norm(targets - eye, axis=1, keepdims=True)

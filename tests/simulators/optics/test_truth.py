@@ -31,7 +31,7 @@ def test_displacement_leads_from_the_plane_to_the_surface(optics, studio, pose, 
 
     def above(share: float) -> np.ndarray:
         points = start + share * depth.ravel()[:, None] * way
-        return points[:, 2] - brick.heights(points[:, 0], points[:, 1])
+        return points[:, 2] - brick.sample.heights(points[:, 0], points[:, 1])
 
     end = start + depth.ravel()[:, None] * way
     on_relief = np.max(np.abs(end[:, :2]), axis=1) < 0.03 - 1e-9

@@ -1,8 +1,4 @@
-"""Reliefs: height and material of the sample in the holder's opening, on a square raster.
-
-Texel (row, column) of n lies at x = (column + 0.5) / n * side - side / 2, y = side / 2 - (row + 0.5) / n * side. All
-noise is periodic, and the brick pattern too, so that the sample can be tiled without a seam.
-"""
+"""Bricks in mortar: a height field. Noise and pattern are periodic, so that it can be tiled without a seam."""
 
 from dataclasses import dataclass
 
@@ -10,27 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from simulators.samples.noise import band_noise, smooth_step
+from simulators.samples.relief import Relief
+
 Array = NDArray[np.float64]
 
 COURSES, BRICKS = 6, 3  # rows of bricks over the field, bricks per row
 GAP_M = 0.0018  # width of the mortar joints
-
-
-@dataclass(frozen=True)
-class Relief:
-    """`height_m` (n, n) at or below 0; `albedo` (n, n, 3), `specular` (n, n) and `roughness` (n, n) of the surface."""
-
-    side_m: float
-    height_m: Array
-    albedo: Array
-    specular: Array
-    roughness: Array
-
-
-def flat_relief(side_m: float, height_m: float, albedo: float, n: int = 8) -> Relief:
-    """A matt plate at one height."""
-    colour = np.full((n, n, 3), albedo)
-    return Relief(side_m, np.full((n, n), height_m), colour, np.zeros((n, n)), np.ones((n, n)))
 
 
 def brick_relief(side_m: float, seed: int, n: int = 512) -> Relief:
@@ -42,8 +24,8 @@ def brick_relief(side_m: float, seed: int, n: int = 512) -> Relief:
     albedo = pattern.inside[..., None] * _brick_colour(pattern, n, rng) + (1 - inside)[..., None] * _mortar_colour(
         n, rng
     )
-    gloss = inside * _smooth_step(-0.2, 0.9, _noise(rng, n, 2, 12, 1.0))  # glazed patches
-    roughness = np.clip(0.85 - 0.25 * inside - 0.22 * gloss + 0.03 * _noise(rng, n, 10, 80, 0.5), 0.3, 1.0)
+    gloss = inside * smooth_step(-0.2, 0.9, band_noise(rng, n, (2, 12), 1.0))  # glazed patches
+    roughness = np.clip(0.85 - 0.25 * inside - 0.22 * gloss + 0.03 * band_noise(rng, n, (10, 80), 0.5), 0.3, 1.0)
     specular = np.clip(0.006 + 0.03 * inside * pattern.per_brick(rng.uniform(0.5, 1.3, 18)) + 0.03 * gloss, 0.0, 0.12)
     return Relief(side_m, height, np.clip(albedo, 0.02, 0.85), specular, roughness)
 
@@ -67,8 +49,8 @@ class _Pattern:
 def _lay_bricks(side_m: float, n: int, rng: np.random.Generator) -> _Pattern:
     centre = (np.arange(n) + 0.5) / n * side_m
     x, y = np.meshgrid(centre, centre)
-    x = x + 0.00022 * _noise(rng, n, 2, 24, 1.0)
-    y = y + 0.00022 * _noise(rng, n, 2, 24, 1.0)
+    x = x + 0.00022 * band_noise(rng, n, (2, 24), 1.0)
+    y = y + 0.00022 * band_noise(rng, n, (2, 24), 1.0)
     length, width = side_m / BRICKS, side_m / COURSES
     course = np.floor(y / width).astype(int)
     x = x + 0.5 * length * (course % 2)
@@ -79,8 +61,8 @@ def _lay_bricks(side_m: float, n: int, rng: np.random.Generator) -> _Pattern:
     dx = np.abs(along) - (length - GAP_M) / 2 + corner
     dy = np.abs(across) - (width - GAP_M) / 2 + corner
     outside = np.hypot(np.maximum(dx, 0), np.maximum(dy, 0)) + np.minimum(np.maximum(dx, dy), 0) - corner
-    edge = -outside + 0.00012 * _noise(rng, n, 12, 60, 1.0)
-    return _Pattern(brick, along, across, edge, _smooth_step(-0.0001, 0.00025, edge))
+    edge = -outside + 0.00012 * band_noise(rng, n, (12, 60), 1.0)
+    return _Pattern(brick, along, across, edge, smooth_step(-0.0001, 0.00025, edge))
 
 
 def _heights(pattern: _Pattern, n: int, rng: np.random.Generator) -> Array:
@@ -88,14 +70,14 @@ def _heights(pattern: _Pattern, n: int, rng: np.random.Generator) -> Array:
     top = pattern.per_brick(rng.uniform(-0.00105, -0.00055, count))
     top = top + pattern.per_brick(rng.uniform(-0.012, 0.012, count)) * pattern.along_m
     top = top + pattern.per_brick(rng.uniform(-0.03, 0.03, count)) * pattern.across_m
-    top = top + 0.00007 * _noise(rng, n, 3, 20, 1.0) + 0.000018 * _noise(rng, n, 18, 80, 0.9)
-    pits = _smooth_step(1.3, 2.3, _noise(rng, n, 12, 50, 0.5))
-    chips = _smooth_step(0.9, 1.9, _noise(rng, n, 4, 18, 0.8)) * np.exp(-np.maximum(pattern.edge_m, 0) / 0.0012)
+    top = top + 0.00007 * band_noise(rng, n, (3, 20), 1.0) + 0.000018 * band_noise(rng, n, (18, 80), 0.9)
+    pits = smooth_step(1.3, 2.3, band_noise(rng, n, (12, 50), 0.5))
+    chips = smooth_step(0.9, 1.9, band_noise(rng, n, (4, 18), 0.8)) * np.exp(-np.maximum(pattern.edge_m, 0) / 0.0012)
     top = top - 0.0003 * pits - 0.0007 * chips
-    mortar = -0.0027 + 0.00016 * _noise(rng, n, 3, 16, 0.8) + 0.00006 * _noise(rng, n, 30, 120, 0.3)
+    mortar = -0.0027 + 0.00016 * band_noise(rng, n, (3, 16), 0.8) + 0.00006 * band_noise(rng, n, (30, 120), 0.3)
     across_edge = np.clip(pattern.edge_m / 0.0011, 0, 1)
     rounded = np.sqrt(np.maximum(1 - (1 - across_edge) ** 2, 0))  # a quarter of an ellipse
-    height = mortar + (top - mortar) * (0.35 * _smooth_step(-0.0002, 0.0002, pattern.edge_m) + 0.65 * rounded)
+    height = mortar + (top - mortar) * (0.35 * smooth_step(-0.0002, 0.0002, pattern.edge_m) + 0.65 * rounded)
     return np.clip(gaussian_filter(height, 1.0 * n / 512, mode="wrap"), -0.0039, -0.0003)
 
 
@@ -107,12 +89,14 @@ def _brick_colour(pattern: _Pattern, n: int, rng: np.random.Generator) -> Array:
     count = COURSES * BRICKS
     base = palette[rng.integers(len(palette), size=count)] * rng.uniform(0.85, 1.15, (count, 1))
     colour = base[pattern.brick]
-    cloud = _noise(rng, n, 2, 30, 1.2)
-    grain = _noise(rng, n, 40, 200, 0.2)
+    cloud = band_noise(rng, n, (2, 30), 1.2)
+    grain = band_noise(rng, n, (40, 200), 0.2)
     colour = colour * (1 + 0.13 * cloud + 0.10 * grain)[..., None]
-    iron = _smooth_step(1.5, 2.1, _noise(rng, n, 25, 90, 0.3))
+    iron = smooth_step(1.5, 2.1, band_noise(rng, n, (25, 90), 0.3))
     colour = colour * (1 - 0.72 * iron)[..., None]
-    lime = 0.55 * _smooth_step(0.5, 2.0, _noise(rng, n, 3, 40, 1.0)) * np.exp(-np.maximum(pattern.edge_m, 0) / 0.002)
+    lime = (
+        0.55 * smooth_step(0.5, 2.0, band_noise(rng, n, (3, 40), 1.0)) * np.exp(-np.maximum(pattern.edge_m, 0) / 0.002)
+    )
     burnt = 0.25 * np.exp(-np.maximum(pattern.edge_m, 0) / 0.0008)
     colour = colour * (1 - burnt)[..., None]
     mixed: Array = colour * (1 - lime)[..., None] + lime[..., None] * np.array([0.62, 0.56, 0.50])
@@ -120,26 +104,7 @@ def _brick_colour(pattern: _Pattern, n: int, rng: np.random.Generator) -> Array:
 
 
 def _mortar_colour(n: int, rng: np.random.Generator) -> Array:
-    sand = 1 + 0.12 * _noise(rng, n, 30, 220, 0.1) + 0.08 * _noise(rng, n, 2, 12, 1.0)
-    dark = _smooth_step(1.6, 2.2, _noise(rng, n, 40, 140, 0.2))
+    sand = 1 + 0.12 * band_noise(rng, n, (30, 220), 0.1) + 0.08 * band_noise(rng, n, (2, 12), 1.0)
+    dark = smooth_step(1.6, 2.2, band_noise(rng, n, (40, 140), 0.2))
     colour: Array = (sand * (1 - 0.6 * dark))[..., None] * np.array([0.50, 0.45, 0.385])
     return colour
-
-
-def _noise(rng: np.random.Generator, n: int, low: float, high: float, slope: float) -> Array:
-    """Periodic Gaussian noise (n, n) of unit variance; frequencies, from low to high, count waves across the field.
-
-    Its amplitude falls as frequency^-(slope + 0.5).
-    """
-    frequency = np.fft.fftfreq(n, 1 / n)
-    radius = np.hypot(*np.meshgrid(frequency, frequency))
-    band = (radius >= low) & (radius <= high)
-    amplitude = np.where(band, np.maximum(radius, 1.0) ** -(slope + 0.5), 0.0)
-    field = np.fft.ifft2(np.fft.fft2(rng.standard_normal((n, n))) * amplitude).real
-    scaled: Array = field / field.std()
-    return scaled
-
-
-def _smooth_step(low: float, high: float, values: Array) -> Array:
-    share = np.clip((values - low) / (high - low), 0, 1)
-    return share * share * (3 - 2 * share)

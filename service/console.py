@@ -84,7 +84,7 @@ class ConsoleProgress:
             left = "" if event.eta_s is None else f"{event.eta_s:.0f} s left"
             text = f"{description}: {event.state}"
             self._progress.update(task, completed=event.done, total=event.total, left=left, description=text)
-            if event.kind in NOTABLE:
+            if event.kind in NOTABLE or (event.kind == "done" and event.message):
                 console.print(f"{event.kind}: {event.step or ''} {event.message}", style="yellow", markup=False)
 
         return show

@@ -55,8 +55,8 @@ class FrameChecks:
         """The frames as what is to be stored, with what is odd but no reason to take them again.
 
         Raises FrameCheckError: number, serial number, exposure, not a raw image, frozen, or dark although lit, with not
-        even a spot (only in the longest exposure of each light: a shorter one may hold no light worth the name; a board
-        held by hand may show a camera its dark side).
+        even a spot (only in sweeps and in the longest exposure of each light: a shorter one may hold no light worth the
+        name; a board held by hand may show a camera its dark side).
         """
         self._check_labels(step, camera, frames)
         mosaics = [decode(frame.data, camera) for frame in frames]
@@ -120,7 +120,7 @@ class FrameChecks:
             finding = f"{camera}: no light of {source} in the frame ({light_dn:.1f} dn over black)"
             if _held_by_hand(step):
                 warnings.append(f"{finding}: the board is turned away from this camera, or from the lamp.")
-            elif step.exposure_s == self._longest[_light(step)]:
+            elif step.sweep or step.exposure_s == self._longest[_light(step)]:
                 raise FrameCheckError(f"{finding}: the lamp is dead or hidden.")
             else:
                 warnings.append(f"{finding}; a longer exposure of it has to carry this light.")

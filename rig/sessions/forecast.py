@@ -15,7 +15,10 @@ _MEGABYTE = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What a session will take. `step_s` has one entry per step; waiting for the operator is not included."""
+    """What a session will take. `step_s` has one entry per step; waiting for the operator is not included.
+
+    `frames` and `bytes` are those that are kept, so without test sweeps.
+    """
 
     steps: int
     frames: int
@@ -48,10 +51,11 @@ def forecast(steps: Sequence[Step], config: RigConfig) -> Forecast:
         part.motion_s + part.exposure_s + sum(part.transfer_s.values()) + LAMP_SETTLE_S * (before != now)
         for part, (before, now) in zip(efforts, pairwise(lights), strict=True)
     )
-    megabytes = sum(step.frames * config.cameras[name].frame_megabytes for step in steps for name in step.cameras)
+    kept = [step for step in steps if not step.test]
+    megabytes = sum(step.frames * config.cameras[name].frame_megabytes for step in kept for name in step.cameras)
     return Forecast(
         steps=len(steps),
-        frames=sum(step.frames * len(step.cameras) for step in steps),
+        frames=sum(step.frames * len(step.cameras) for step in kept),
         mounts=sum(before != now for before, now in pairwise(mounts)),
         bytes=round(megabytes * _MEGABYTE),
         time_s=sum(step_s),

@@ -164,6 +164,14 @@ class Journal:
             db.execute("UPDATE steps SET state = 'done' WHERE id = ?", (step,))
             return _insert_event(db, rig_s, "done", step, text)
 
+    def choose(self, test: str, chosen: Sequence[Step], rig_s: float, text: str) -> int:
+        """Enter what a test sweep chose for other steps and mark it done, at once; returns the event's number."""
+        with self._transaction() as db:
+            rows = [(json.dumps(step_data(step)), step.id) for step in chosen]
+            db.executemany("UPDATE steps SET content = ? WHERE id = ?", rows)
+            db.execute("UPDATE steps SET state = 'done' WHERE id = ?", (test,))
+            return _insert_event(db, rig_s, "done", test, text)
+
     def fail(self, step: str, rig_s: float, reason: str) -> int:
         """Mark a step as failed; it counts as not done. Returns the event's number."""
         with self._transaction() as db:

@@ -112,7 +112,8 @@ class BtfPlan(_Model):
 class MdfPlan(_Model):
     """Laser sweeps over a flat sample; laser azimuths in the rig frame, elevations are mountings by hand.
 
-    The azimuths are one list for every mounting, or one list for each of `laser_elevations_deg`, in its order.
+    The azimuths are one list for every mounting, or one list for each of `laser_elevations_deg`, in its order. Without
+    `exposure_s` a test sweep in every mounting chooses it.
     """
 
     kind: Literal["mdf"]
@@ -121,7 +122,7 @@ class MdfPlan(_Model):
     laser_azimuth_deg: AnglesOrLists
     laser_elevations_deg: Angles
     cameras: Names
-    exposure_s: Exposure
+    exposure_s: Exposure | None = None
     frame_rate_hz: float = Field(strict=True, gt=0, le=240)
     texels: Texels
 
@@ -146,7 +147,7 @@ class MdfPlan(_Model):
 
     @model_validator(mode="after")
     def _exposure_fits_the_rate(self) -> "MdfPlan":
-        if self.exposure_s * self.frame_rate_hz > 1:
+        if self.exposure_s is not None and self.exposure_s * self.frame_rate_hz > 1:
             raise ValueError(f"exposure_s is longer than the {1 / self.frame_rate_hz:.4f} s between frames")
         return self
 
@@ -252,6 +253,11 @@ def plan_data(plan: Plan) -> dict[str, Any]:
 def plan_sha256(plan: Plan) -> str:
     """Identity of a plan: `content_sha256` of its data."""
     return content_sha256(plan_data(plan))
+
+
+def in_steps_s(exposure_s: float) -> float:
+    """The exposure in whole units of PTP's exposure time, as the camera will be told; at least one."""
+    return round(max(round(exposure_s / EXPOSURE_STEP_S), 1) * EXPOSURE_STEP_S, 6)
 
 
 def content_sha256(data: object) -> str:

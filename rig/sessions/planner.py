@@ -7,8 +7,9 @@ from math import ceil
 
 from rig.config import LampConfig, LaserConfig, RigConfig
 from rig.errors import InterlockError, PlanError, UnknownDeviceError
+from rig.sessions.exposure import longest_s, with_tests
 from rig.sessions.order import ordered
-from rig.sessions.plan import EXPOSURE_STEP_S, BtfPlan, CalibratePlan, LampsPlan, MdfPlan, Plan, SensorPlan, SrfPlan
+from rig.sessions.plan import BtfPlan, CalibratePlan, LampsPlan, MdfPlan, Plan, SensorPlan, SrfPlan, in_steps_s
 from rig.sessions.reach import reachable_deg, standby_deg
 from rig.sessions.step import Mount, Step, step_id, to_rad
 
@@ -61,7 +62,9 @@ def schedule(plan: Plan, config: RigConfig) -> Schedule:
             steps = list(_lamps(plan, layout))
     skipped = tuple(sorted(set(layout.skipped), key=lambda skip: (skip.what, skip.reason)))
     _check_identity(steps, skipped)
-    return Schedule(ordered(steps, config), skipped)
+    taken = ordered(steps, config)
+    untold = isinstance(plan, MdfPlan) and plan.exposure_s is None
+    return Schedule(with_tests(taken) if untold else taken, skipped)
 
 
 class _Layout:
@@ -217,23 +220,24 @@ class _Pose:
     label: str = ""  # before the light's name, where the sample is no matter of course
 
     def photographs(self, lamp: str, exposures_s: Iterable[float]) -> Iterator[Step]:
-        for exposure_s in map(_ticks, exposures_s):
+        for exposure_s in map(in_steps_s, exposures_s):
             yield Step(
                 self._id(lamp, exposure_s), self._axes_rad(), (lamp,), exposure_s, self.cameras, mount=self.mount
             )
 
     def unlit(self, name: str, exposures_s: Iterable[float]) -> Iterator[Step]:
-        for exposure_s in map(_ticks, exposures_s):
+        for exposure_s in map(in_steps_s, exposures_s):
             yield Step(self._id(name, exposure_s), self._axes_rad(), (), exposure_s, self.cameras, mount=self.mount)
 
-    def sweep(self, exposure_s: float, frames: int, interval_s: float) -> Step:
-        exposure_s = _ticks(exposure_s)
+    def sweep(self, exposure_s: float | None, frames: int, interval_s: float) -> Step:
+        """An exposure that is still to be chosen is no part of the identity, and the longest possible until then."""
+        told_s = None if exposure_s is None else in_steps_s(exposure_s)
         return Step(
-            self._id(SWEEP_ID, exposure_s), self._axes_rad(), (), exposure_s, self.cameras,
+            self._id(SWEEP_ID, told_s), self._axes_rad(), (), told_s or longest_s(interval_s), self.cameras,
             frames=frames, interval_s=interval_s, sweep=True, mount=self.mount,
         )  # fmt: skip
 
-    def _id(self, light: str, exposure_s: float) -> str:
+    def _id(self, light: str, exposure_s: float | None) -> str:
         return step_id(self.mount, {name: self.axes_deg[name] for name in self.named}, self.label + light, exposure_s)
 
     def _axes_rad(self) -> dict[str, float]:
@@ -248,11 +252,6 @@ def _lights_flat_sample(name: str, layout: _Layout) -> bool:
     if lamp.mount != "light_arc":
         raise PlanError(f"field lamps: {name} sits on the arm; a plan of kind btf turns the light arc.")
     return True
-
-
-def _ticks(exposure_s: float) -> float:
-    """To whole units of PTP's exposure time, as the camera will be told."""
-    return round(round(exposure_s / EXPOSURE_STEP_S) * EXPOSURE_STEP_S, 6)
 
 
 def _wrapped(angle_deg: float) -> float:

@@ -9,6 +9,7 @@ from rig.errors import StoreError
 from rig.sessions.journal import FrameEntry
 from rig.sessions.session import Session
 from rig.sessions.states import State
+from rig.sessions.step import Step
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,9 +17,10 @@ class Event:
     """Something that happened in a session.
 
     `number` grows over all runs of the session; 0 where the journal could not take it. `kind`: 'state', 'step' (begun),
-    'done', 'retake', 'warning', 'mount', 'failed', 'unconfirmed'. `done` of `total` steps are durable; `eta_s` is the
-    wall time left by the pace so far, without pauses and mounting; None before there is a pace. `step` is a step's id
-    where the event is about one. `rig_s` is the rig clock's time.
+    'done' (of a test sweep: with the exposure that it chose as its message), 'retake', 'warning', 'mount', 'failed',
+    'unconfirmed'. `done` of `total` steps are durable; `eta_s` is the wall time left by the pace so far, without pauses
+    and mounting; None before there is a pace. `step` is a step's id where the event is about one. `rig_s` is the rig
+    clock's time.
     """
 
     number: int
@@ -98,11 +100,18 @@ class Progress:
     def complete(self, step: str, frames: Sequence[FrameEntry]) -> None:
         """Journal that a step is done, with its durable frames. Under one lock, so that numbers are told in order."""
         with self._lock:
-            number = self._session.journal.complete(step, frames, self.rig_s, "")
-            self._done.add(step)
-            self._past_s += self._step_s.get(step, 0.0)
-            self._left_s -= self._step_s.get(step, 0.0)
-            self._publish(number, "done", "", step)
+            self._count(step, self._session.journal.complete(step, frames, self.rig_s, ""), "")
+
+    def choose(self, test: Step, exposure_s: float, message: str) -> None:
+        """Journal that a test sweep is done, with the exposure that it chose."""
+        with self._lock:
+            self._count(test.id, self._session.choose_exposure(test, exposure_s, self.rig_s, message), message)
+
+    def _count(self, step: str, number: int, message: str) -> None:
+        self._done.add(step)
+        self._past_s += self._step_s.get(step, 0.0)
+        self._left_s -= self._step_s.get(step, 0.0)
+        self._publish(number, "done", message, step)
 
     def _note_hold(self, holds: bool) -> None:
         """What passes while the session is paused or waits for the operator says nothing about its pace."""

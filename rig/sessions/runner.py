@@ -16,6 +16,7 @@ from rig.errors import FrameCheckError, ProtocolError, StateError, StoreError, T
 from rig.interrupts import postponed
 from rig.sessions.checks import FrameChecks
 from rig.sessions.choreography import Choreography
+from rig.sessions.exposure import FULL, chosen_s, shorter_test, stripe_level
 from rig.sessions.forecast import Effort, effort, lower_bound_s
 from rig.sessions.journal import utc_now
 from rig.sessions.progress import Event, Progress
@@ -171,16 +172,36 @@ class Runner:
         self._devices.expose(step)
         capture = Capture(step, utc_now(), step.axes_rad, self._devices.reported_rad)
         self._devices.see_out(step, self._next_in_view(step))
-        transferred = {}
+        levels, transferred = {}, {}
         for camera, frames in self._devices.fetch(step):
             shot, warnings = self._checks.take(step, camera, frames)
             for warning in warnings:
                 self._progress.say("warning", warning, step.id)
-            self._writer.put(capture, shot)
+            if step.test:
+                levels[camera] = stripe_level(shot)
+            else:
+                self._writer.put(capture, shot)
             transferred[camera] = shot.transferred_bytes / 1e6 / self._session.config.cameras[camera].megabytes_per_s
         ideal = effort(step, before_rad, self._session.config)
         self._efforts[step.id] = Effort(ideal.motion_s, ideal.exposure_s, transferred)
         self._tick()
+        if step.test:
+            self._choose_exposure(step, levels)
+
+    def _choose_exposure(self, test: Step, levels: Mapping[str, float]) -> None:
+        """What a test sweep is for; one that was saturated is taken again with a shorter exposure."""
+        camera, level = max(levels.items(), key=lambda item: item[1])
+        if level >= FULL:
+            again = shorter_test(test)
+            saturated = f"{camera}: the stripe is saturated within {test.exposure_s:.4f} s"
+            self._progress.say("retake", f"{saturated}; tested again with {again.exposure_s:.4f} s.", test.id)
+            self._queue.appendleft(again)
+            return
+        exposure_s = chosen_s(test, level)
+        reached = f"on white the stripe reaches {level * exposure_s / test.exposure_s:.0%} of full scale in {camera}"
+        self._progress.choose(test, exposure_s, f"exposure {exposure_s:.4f} s chosen from a test sweep: {reached}")
+        told = {step.id: step for step in self._session.steps}
+        self._queue = deque(told[step.id] for step in self._queue)
 
     def _next_in_view(self, step: Step) -> Step | None:
         """The step to which the axes may leave already: none where the session holds or the operator comes first."""

@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from rig.config import RigConfig
 from rig.errors import PlanError, StoreError
+from rig.interrupts import postponed
 from rig.sessions import store
 from rig.sessions.forecast import Forecast, forecast
 from rig.sessions.journal import Journal, JournalEvent, utc_now
@@ -137,6 +138,14 @@ class Session:
         """The steps that are not done, in order."""
         done = self.done()
         return tuple(step for step in self.steps if step.id not in done)
+
+    def choose_exposure(self, test: Step, exposure_s: float, rig_s: float, text: str) -> int:
+        """Give all sweeps of the test sweep's mounting this exposure, durably; returns the event's number."""
+        mine = [step for step in self.steps if step.sweep and step.mount == test.mount and not step.test]
+        with postponed():  # between the two these steps would be wrong
+            number = self.journal.choose(test.id, [replace(step, exposure_s=exposure_s) for step in mine], rig_s, text)
+            self.steps = self.journal.steps()
+        return number
 
     def forecast(self) -> Forecast:
         """Time and disk of what remains."""

@@ -15,7 +15,8 @@ class Step:
 
     `id` is unique within a session and readable: 'tt+090.00_arc-030.00_lamp3_0.0333s'. `axes_rad` holds every axis of
     the rig, also those that only stand by. `mount` is what the operator must have mounted. `interval_s` is the time
-    between the starts of a burst's `frames`.
+    between the starts of a burst's `frames`. The frames of a `test` sweep are not kept: they choose the exposure of its
+    mounting's other sweeps.
     """
 
     id: str
@@ -27,6 +28,7 @@ class Step:
     interval_s: float = 0.0
     sweep: bool = False
     mount: Mount | None = None
+    test: bool = False
 
     @property
     def pose(self) -> tuple[tuple[str, float], ...]:
@@ -50,13 +52,13 @@ def read_step(data: Mapping[str, Any]) -> Step:
     return Step(**{**data, **lists})
 
 
-def step_id(mount: Mount, axes_deg: Mapping[str, float], light: str, exposure_s: float) -> str:
-    """Identity from content: mounting, the angles that the plan names, light and exposure."""
+def step_id(mount: Mount, axes_deg: Mapping[str, float], light: str, exposure_s: float | None) -> str:
+    """Identity from content: mounting, the angles that the plan names, light, and exposure where it is known."""
     parts = [f"pose{mount['pose']}"] if "pose" in mount else []
     if "laser_elevation_deg" in mount:
         parts.append(f"el{mount['laser_elevation_deg']:05.2f}")
     parts += [f"{_SHORT.get(name, name)}{_signed(angle)}" for name, angle in axes_deg.items()]
-    return "_".join([*parts, light, f"{exposure_s:.4f}s"])
+    return "_".join([*parts, light, *([] if exposure_s is None else [f"{exposure_s:.4f}s"])])
 
 
 def _signed(angle_deg: float) -> str:
@@ -71,7 +73,8 @@ def to_rad(axes_deg: Mapping[str, float]) -> dict[str, float]:
 def describe(step: Step) -> str:
     """One line of a dry run."""
     angles = ", ".join(f"{name} {degrees(angle):+.2f} deg" for name, angle in step.axes_rad.items())
-    light = "laser sweep" if step.sweep else " + ".join(step.lamps) or "dark"
+    sweep = "test sweep that chooses the exposure" if step.test else "laser sweep"
+    light = sweep if step.sweep else " + ".join(step.lamps) or "dark"
     frames = f"{step.frames} x " if step.frames > 1 else ""
     mounted = " ".join(f"{key}={value}" for key, value in (step.mount or {}).items())
     return f"{step.id}: [{mounted}] {angles}; {light}; {frames}{step.exposure_s:.4f} s; {', '.join(step.cameras)}"

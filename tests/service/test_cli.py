@@ -14,7 +14,8 @@ import pytest
 from PIL import Image
 
 from processing.formats.raw import read_raw
-from rig.sessions import Session
+from rig.sessions import Event, Session, State
+from service.console import ConsoleProgress
 from service.problems import EXIT_CODES
 from tests.command import BTF, CALIBRATE, Said, ended, rig, running_rig, wait_until
 
@@ -207,3 +208,13 @@ def test_the_service_starts_once_and_ends_with_its_simulators(tmp_path):
         said = ended(process)
     assert said == Said(0, "", "")
     assert not state.exists()
+
+
+def test_what_an_operator_should_know_is_told(capsys):
+    """Of a step that is done only what a test sweep chose."""
+    with ConsoleProgress() as progress:
+        tell = progress.follow("mdf")
+        for kind, message in (("done", ""), ("done", "exposure 0.0123 s chosen from a test sweep"), ("state", "ready")):
+            tell(Event(1, kind, State.RUNNING, 1, 2, None, "step", message, 0.0))
+    said = capsys.readouterr().err.split()
+    assert said == "done: step exposure 0.0123 s chosen from a test sweep".split()

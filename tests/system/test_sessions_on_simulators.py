@@ -10,8 +10,10 @@ from math import degrees
 from pathlib import Path
 
 import exifread
+import numpy as np
 import pytest
 import rawpy
+import zarr
 
 from rig import load_config, open_rig
 from rig.drivers import bus, lamps, laser_unit
@@ -142,6 +144,23 @@ def test_a_sweep_crosses_the_sample_while_the_cameras_record(lab, new_session):
     trace_m = [end["offset_m"] for frame in frames for end in frame["laser"]["planes"]]
     assert min(trace_m) < 0 < max(trace_m)  # the plane passed the origin
     assert report.overhead < 1.15
+
+
+def test_a_test_sweep_finds_the_exposure_that_fills_the_range(lab, new_session):
+    """On real frames of a real scene: the white frame's stripe peaks at 0.6 to 0.8 of full scale, or the time is up."""
+    untold = {key: value for key, value in MDF.items() if key != "exposure_s"}
+    session = new_session(untold, laser_elevations_deg=[50], frame_rate_hz=6.0)
+    told = []
+    assert run(lab, session, told.append).state is State.FINISHED
+    assert is_safe(lab)
+    (record,) = session.frames()
+    (message,) = (event.message for event in told if event.kind == "done" and event.message)
+    assert f"exposure {record.exposure_s:.4f} s chosen from a test sweep" in message
+    burst = zarr.open_array(record.path, mode="r")
+    black_dn, white_dn = burst.attrs["black_dn"], burst.attrs["white_dn"]
+    red_dn = burst[:, ::2, ::2].max(axis=0) - black_dn
+    assert 0.6 < np.quantile(red_dn, 0.99) / (white_dn - black_dn) < 0.8
+    assert np.diff(burst.attrs["times_s"]) == pytest.approx(1 / 6, abs=1e-3)
 
 
 def test_the_session_time_is_near_its_lower_bound(lab, new_session):

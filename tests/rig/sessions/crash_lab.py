@@ -15,12 +15,13 @@ from pathlib import Path
 
 from rig.sessions import Runner, Session, State, parse_plan
 from rig.sessions import journal as journal_module
-from tests.rig.sessions.fake_rig import MDF, SRF, config, fake_rig
+from tests.rig.sessions.fake_rig import MDF, SRF, UNTOLD_MDF, config, fake_rig
 
 CONFIG = config()
 FINISHED = 3  # an exit status
 PHOTOGRAPHS = {**SRF, "arm_deg": [-20, 30], "exposures_s": [0.1]}
 SWEEPS = {**MDF, "laser_azimuth_deg": [45], "laser_elevations_deg": [35], "cameras": ["cam0"]}
+TESTED = {**UNTOLD_MDF, "laser_azimuth_deg": [45], "laser_elevations_deg": [35], "cameras": ["cam0"]}
 LONG = {**SRF, "arm_deg": [-60, -40, -20, 20, 40, 60], "exposures_s": [0.05, 0.1, 0.2]}
 
 
@@ -84,8 +85,9 @@ def check(folder):
         crashed = session.state
         if session.remaining() or crashed is not State.FINISHED:
             Runner(session, fake_rig(CONFIG)[0]).run()
-        wanted = sum(len(step.cameras) for step in session.steps)
+        wanted = sum(len(step.cameras) for step in session.steps if not step.test)
         assert session.verify() == wanted
+        assert all(record.exposure_s == record.step.exposure_s for record in session.frames())
         done = [event.step for event in session.events() if event.kind == "done"]
         assert sorted(done) == sorted(step.id for step in session.steps)
         assert all(session.journal.attempts(step) == count for step, count in was_done.items())
@@ -134,6 +136,7 @@ def main(folder):
     found = {
         "photographs": kill_at_every_point(folder / "photographs", PHOTOGRAPHS),
         "sweeps": kill_at_every_point(folder / "sweeps", SWEEPS),
+        "tested": kill_at_every_point(folder / "tested", TESTED),
         "random": sum(kill_again_and_again(folder / f"random{seed}", random.Random(seed)) for seed in range(3)),
     }
     sys.stdout.write(json.dumps(found))

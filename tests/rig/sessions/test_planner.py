@@ -288,6 +288,12 @@ def lamps_steps(plan):
     return on_arc * len(plan.white.exposures_s) + (on_arc + len(plan.arm_deg)) * len(plan.mirror.exposures_s)
 
 
+def mdf_steps(plan):
+    """Every place of the laser at every angle of the turntable, and a test in each mounting where it chooses."""
+    tests = len(plan.laser_elevations_deg) if plan.exposure_s is None else 0
+    return len(plan.turntable_deg) * sum(len(azimuths) for _, azimuths in plan.mountings_deg()) + tests
+
+
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
 def test_examples_use_only_what_their_comments_count(path):
     """The examples are for the simulated rig; their numbers of steps follow from their lists."""
@@ -295,7 +301,7 @@ def test_examples_use_only_what_their_comments_count(path):
     counted = {
         "srf": lambda: len(plan.arm_deg) * len(plan.exposures_s),
         "btf": lambda: len(plan.turntable_deg) * len(plan.light_azimuth_deg) * len(plan.lamps) * len(plan.exposures_s),
-        "mdf": lambda: len(plan.turntable_deg) * sum(len(azimuths) for _, azimuths in plan.mountings_deg()),
+        "mdf": lambda: mdf_steps(plan),
         "calibrate": lambda: plan.board_poses + len(plan.turntable_deg),
         "sensor": lambda: plan.repeats * (len(plan.dark_exposures_s) + len(plan.flat_exposures_s)),
         "lamps": lambda: lamps_steps(plan),

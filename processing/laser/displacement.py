@@ -5,11 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.robust import bulk_deviation, weighted_median_place
+from processing.laser import displacement_kernel
 
 Array = NDArray[np.float64]
-_OUTLIER = 4.0  # sigmas from the weighted median
-_AGREEMENT_M = 25e-6  # two locations see a rough surface's pixel differently by about this much
 
 
 @dataclass(frozen=True)
@@ -39,42 +37,26 @@ def merge_displacements(
     0 leaves a location out.
     Source: Wang et al. 2005, section 3.2.
     """
-    values, variances = np.asarray(displacement_m, np.float64), np.asarray(variance_m2, np.float64)
-    measured = np.isfinite(values) & np.isfinite(variances) & (variances > 0.0)
-    if weights is not None:
-        measured &= weights[:, None, None] > 0.0
-    variances = np.where(measured, variances, 1.0)
-    agrees = measured & _near_median(np.where(measured, values, 0.0), variances, measured)
-    used, rejected = agrees.sum(axis=0), (measured & ~agrees).sum(axis=0)
-    weight = np.where(agrees, 1.0 / variances if weights is None else weights[:, None, None], 0.0)
-    total = weight.sum(axis=0)
-    share = np.divide(weight, total, out=np.full(weight.shape, np.nan), where=total > 0.0)
-    merged = np.where(agrees, share * values, 0.0 * share).sum(axis=0)
-    variance = (share**2 * variances).sum(axis=0)
-    quarrel = np.where(measured & ~agrees, (values - merged) ** 2, 0.0).max(axis=0)
-    variance = np.where(rejected >= used, variance + quarrel, variance)
-    return Merged(
-        merged.astype(np.float32),
-        variance.astype(np.float32),
-        used.astype(np.uint8),
-        rejected.astype(np.uint8),
-        _consistency(values - merged, variances, variance, measured & (used + rejected > 1)),
-    )
+    locations, *shape = displacement_m.shape
+    values, variances = (np.ascontiguousarray(array).reshape(locations, -1) for array in (displacement_m, variance_m2))
+    given = np.empty(0) if weights is None else np.asarray(weights, np.float64)
+    merged = np.empty((2, *shape), np.float32)
+    counts = np.empty((2, *shape), np.uint8)
+    histogram = np.zeros((displacement_kernel.BLOCKS, locations, displacement_kernel.BINS), np.int64)
+    displacement_kernel.merge_samples(values, variances, given, merged.reshape(2, -1), counts.reshape(2, -1), histogram)
+    return Merged(merged[0], merged[1], counts[0], counts[1], _consistency(histogram.sum(axis=0)))
 
 
-def _near_median(values: Array, variances: Array, measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which sweeps lie within four sigmas of the median, weighted by inverse variances."""
-    middle = weighted_median_place(values, np.where(measured, 1.0 / variances, 0.0))
-    median, its_variance = np.take_along_axis(values, middle, axis=0), np.take_along_axis(variances, middle, axis=0)
-    tolerance = _OUTLIER * np.sqrt(variances + its_variance + _AGREEMENT_M**2)
-    return np.asarray(np.abs(values - median) <= tolerance)
-
-
-def _consistency(deviation: Array, variances: Array, merged_variance: Array, shared: NDArray[np.bool_]) -> Array:
-    """Robust RMS per sweep of the deviation in sigmas; the merged value holds the sweep itself: hence `- merged`."""
-    # A sweep that makes the merged value alone leaves no variance between both: a floor keeps that finite.
-    sigmas = deviation / np.sqrt(np.maximum(variances - merged_variance, 0.05 * variances))
-    return np.array([bulk_deviation(r[s]) if s.any() else np.nan for r, s in zip(sigmas, shared, strict=True)])
+def _consistency(histogram: NDArray[np.int64]) -> Array:
+    """1.4826 times the median (k,) of the counted deviations in sigmas (k, bins); NaN where none was counted."""
+    summed = np.cumsum(histogram, axis=1)
+    half = 0.5 * summed[:, -1:]
+    place = np.argmax(summed >= half, axis=1)
+    within = np.take_along_axis(histogram, place[:, None], axis=1)
+    below = np.take_along_axis(summed, place[:, None], axis=1) - within
+    with np.errstate(invalid="ignore"):
+        share = (place[:, None] + (half - below) / within)[:, 0] / histogram.shape[1]
+    return np.asarray(1.4826 * share / (1.0 - share))
 
 
 def tetrahedron_weights(sources_m: Array, camera_m: Array) -> Array:

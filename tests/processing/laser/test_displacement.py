@@ -169,7 +169,7 @@ def test_equal_values_are_their_mean(value, sweeps):
 
 
 def test_rough_surfaces_keep_all_their_locations():
-    """Locations that differ by 25 um of roughness, five of their sigmas, are no outliers: one in ten at most is taken for one."""
+    """Locations that differ by 25 um of roughness, five of their sigmas, are no outliers, but for one in ten."""
     rng = np.random.default_rng(8)
     values = 0.002 + rng.normal(0, 25e-6, (8, 50, 50)) + rng.normal(0, 5e-6, (8, 50, 50))
     merged = merge_displacements(values, np.full(values.shape, 25e-12))

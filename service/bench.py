@@ -21,7 +21,8 @@ class Result:
 
     `figures` are the named numbers; each row of `rows` is one method on one input. A row with `method`, `seconds` and
     `error` appears in the report, as a peer where `peer` is true, with the `size` of its input and the `bound` under
-    its error where it names them.
+    its error where it names them. Rows with a `parameter` and its `value` are lines of a picture of their own, with the
+    `unit` of the error and the share of values `measured` where they name them.
     """
 
     figures: Mapping[str, float]

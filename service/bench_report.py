@@ -45,7 +45,8 @@ def report_figure(panels: Sequence[tuple[str, Sequence[Row]]]) -> Figure:
 def _panels(path: Path) -> list[tuple[str, list[Row]]]:
     """Title and rows of a record's panels, one for each `part` that its rows name."""
     record = json.loads(path.read_text(encoding="utf-8"))
-    rows = [row for row in record["rows"] if (row.get("seconds") or 0) > 0 and (row.get("error") or 0) > 0]
+    rows = [row for row in record["rows"] if "parameter" not in row]  # those have a picture of their own
+    rows = [row for row in rows if (row.get("seconds") or 0) > 0 and (row.get("error") or 0) > 0]
     title = str(record["bench"]) + (" (quick)" if record.get("quick") else "")
     parts = dict.fromkeys(row.get("part", "") for row in rows)
     return [
@@ -112,7 +113,7 @@ def _label(axes: Axes, methods: Mapping[str, Sequence[Row]], colours: Mapping[st
     names = sorted(ends, key=lambda name: (float(ends[name]["error"]), float(ends[name]["seconds"])))
     to_axes = (axes.transScale + axes.transLimits).transform
     wanted = np.array([to_axes((float(ends[name]["seconds"]), float(ends[name]["error"])))[1] for name in names])
-    for name, place in zip(names, _spread(wanted), strict=True):
+    for name, place in zip(names, spread(wanted, 1 / max(len(names), 8)), strict=True):
         end, colour = ends[name], colours[name]
         weight = "normal" if end.get("peer") else "bold"
         axes.annotate(
@@ -122,9 +123,8 @@ def _label(axes: Axes, methods: Mapping[str, Sequence[Row]], colours: Mapping[st
         )  # fmt: skip
 
 
-def _spread(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rising places within 0 to 1, as near to the wanted ones as labels that do not touch allow."""
-    gap = 1 / max(len(places), 8)
+def spread(places: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
+    """Rising places from 0 to 1, a gap apart, as near to the wanted ones as that allows; under 0 where it does not."""
     free = np.clip(places, 0, 1)
     for i in range(1, len(free)):
         free[i] = max(free[i], free[i - 1] + gap)

@@ -19,6 +19,7 @@ from processing.radiometry.sensor_calibration import SensorCalibration
 from processing.radiometry.stack import DEFAULTS, MergedExposures, MergeOptions
 from render.picture import save_image
 from service import bench
+from service.bench_curves import draw_curves
 from service.bench_report import draw_report
 from service.files import replaced
 from service.pictures import check_still, save_stripes
@@ -156,7 +157,7 @@ def _sweep(source: Path, out: Path) -> Iterator[str]:
 
 
 def benchmark(name: str, *, quick: bool, to: Path | None, as_json: bool, records: Path) -> Iterator[str]:
-    """Run a benchmark, draw all records (`report`), or list what there is (no name).
+    """Run a benchmark, draw all records (`report`; `bench-NAME-curves.png` beside), or list what there is (no name).
 
     The record goes into the file `to`, or is told: whole as JSON, else its figures alone.
     Raises ConfigError for a name that there is not.
@@ -170,6 +171,8 @@ def benchmark(name: str, *, quick: bool, to: Path | None, as_json: bool, records
         found = sorted(records.glob("bench-*.json"))
         picture = records / "bench-report.png"
         yield f"{picture}: {draw_report(found, picture)} points from {len(found)} records"
+        curves = ((record, record.with_name(f"{record.stem}-curves.png")) for record in found)
+        yield from (f"{to}: errors over what was varied" for record, to in curves if draw_curves(record, to))
         return
     record = bench.run_benchmark(name, quick=quick)
     whole = json.dumps(record, indent=2)

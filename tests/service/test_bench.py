@@ -7,7 +7,7 @@ import pytest
 from matplotlib.text import Text
 
 from rig.errors import ConfigError
-from service import bench, bench_report
+from service import bench, bench_curves, bench_report
 from service.bench_report import draw_report, report_figure
 from service.measuring import benchmark
 
@@ -74,3 +74,26 @@ def test_parts_of_a_benchmark_have_panels_of_their_own(tmp_path):
 
 def test_a_report_without_points_says_so():
     assert [text.get_text() for text in report_figure([]).texts] == ["no record with run time and error"]
+
+
+def test_variations_have_a_picture_of_their_own(tmp_path):
+    """A panel per parameter with a line per method and the bound; the panels of run time leave them out."""
+    rows = [
+        {"method": method, "peer": method != "ours", "seconds": 1.0, "error": error, "bound": 1.0, "unit": "mm",
+         "parameter": parameter, "value": value, "measured": 0.5}
+        for parameter in ("slope", "width", "speed", "light")
+        for value in (1, 10, 100)
+        for method, error in (("ours", 1.0), ("theirs", 2.0 * value), ("lost", None))
+    ]  # fmt: skip
+    (tmp_path / "bench-a.json").write_text(json.dumps({"bench": "a", "rows": rows}))
+    (tmp_path / "bench-b.json").write_text(json.dumps({"bench": "b", "rows": []}))
+    told = list(benchmark("report", quick=False, to=None, as_json=False, records=tmp_path))
+    assert "0 points from 2 records" in told[0]
+    assert told[1:] == [f"{tmp_path / 'bench-a-curves.png'}: errors over what was varied"]
+    figure = bench_curves.curves_figure("a", rows)
+    drawn = [axes for axes in figure.axes if axes.lines]
+    assert [axes.get_xlabel() for axes in drawn] == ["slope", "width", "speed", "light"]
+    for axes in drawn:
+        assert {text.get_text() for text in axes.texts} == {"bound", "ours", "theirs"}
+        assert [len(line.get_xdata()) for line in axes.lines] == [3, 3, 3]
+        assert axes.get_ylabel() == "error in mm"

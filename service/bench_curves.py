@@ -1,0 +1,114 @@
+"""The picture of one benchmark's variations: error over each parameter, a line per method, ours beside the peers."""
+
+import json
+from collections.abc import Mapping, Sequence
+from itertools import chain, cycle
+from pathlib import Path
+from string import ascii_lowercase
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+
+from service.bench_report import spread
+
+Row = Mapping[str, Any]
+_COLUMNS, _PANEL_IN = 3, (5.4, 3.5)
+# Told apart by all kinds of colour vision (Okabe and Ito 2008), but for black, which is ours.
+_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_OURS = ("#000000", "#777777", "#AAAAAA")
+_WIDE = 8.0  # largest over smallest value from which an axis is logarithmic
+_ALL = 0.9  # share of values measured under which a point is hollow
+
+
+def draw_curves(record: Path, picture: Path) -> bool:
+    """Write the picture of a record's rows that name a `parameter`; whether there were any."""
+    content = json.loads(record.read_text(encoding="utf-8"))
+    rows = [row for row in content["rows"] if "parameter" in row]
+    if rows:
+        title = str(content["bench"]) + (" (quick)" if content.get("quick") else "")
+        curves_figure(title, rows).savefig(picture, dpi=120)
+    return bool(rows)
+
+
+def curves_figure(title: str, rows: Sequence[Row]) -> Figure:
+    """A panel per parameter: error over its value, a line per method, named at its end; the bound dashed.
+
+    Our methods are black and grey, peers coloured; a point is hollow where under nine tenths were `measured`.
+    """
+    parameters = list(dict.fromkeys(str(row["parameter"]) for row in rows))
+    down = -(-len(parameters) // _COLUMNS)
+    across = min(len(parameters), _COLUMNS)
+    layout = ConstrainedLayoutEngine(wspace=0.03, hspace=0.06)
+    figure = Figure(figsize=(_PANEL_IN[0] * across, _PANEL_IN[1] * down), layout=layout)
+    figure.suptitle(f"{title}: error over what was varied, dashed the bound, hollow where values are missing")
+    looks = _looks(rows)
+    grid = figure.subplots(down, across, squeeze=False).ravel()
+    for letter, parameter, axes in zip(cycle(ascii_lowercase), parameters, grid, strict=False):
+        _draw_panel(axes, [row for row in rows if row["parameter"] == parameter], looks)
+        axes.set_title(letter, loc="left", fontweight="bold")
+    for axes in grid[len(parameters) :]:
+        axes.set_axis_off()
+    return figure
+
+
+def _looks(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
+    """One colour and line style for each method in all panels, in the order in which methods appear."""
+    peers = chain(((colour, "-") for colour in _COLOURS), cycle((colour, ":") for colour in _COLOURS))
+    ours = cycle((colour, "-") for colour in _OURS)
+    kinds = {str(row["method"]): bool(row.get("peer")) for row in rows}
+    return {method: next(peers) if peer else next(ours) for method, peer in kinds.items()}
+
+
+def _draw_panel(axes: Axes, rows: Sequence[Row], looks: Mapping[str, tuple[str, str]]) -> None:
+    shown = [row for row in rows if (row.get("error") or 0) > 0]
+    values = [float(row["value"]) for row in rows]
+    unit = f" in {rows[0]['unit']}" if "unit" in rows[0] else ""
+    axes.set(xlabel=rows[0]["parameter"], ylabel=f"error{unit}", yscale="log")
+    if min(values) > 0 and max(values) > _WIDE * min(values):
+        axes.set_xscale("log")
+        axes.set_xticks(sorted(set(values)), [_short(value) for value in sorted(set(values))], fontsize=8)
+        axes.xaxis.set_minor_locator(NullLocator())
+    bounds = {float(row["value"]): float(row["bound"]) for row in rows if "bound" in row}
+    axes.plot(list(bounds), list(bounds.values()), "--", color="0.35", linewidth=1.3, zorder=5)
+    ends = {"bound": (list(bounds)[-1], list(bounds.values())[-1])} if bounds else {}
+    for method, look in looks.items():
+        points = [row for row in shown if row["method"] == method]
+        if points:
+            _draw_line(axes, points, *look)
+            ends[method] = (float(points[-1]["value"]), float(points[-1]["error"]))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.margins(0.03, 0.06)
+    _label(axes, ends, {"bound": "0.35"} | {method: colour for method, (colour, _) in looks.items()})
+
+
+def _short(value: float) -> str:
+    return f"{value:g}" if value < 1e3 else f"{value / 1e3:g}k"
+
+
+def _draw_line(axes: Axes, points: Sequence[Row], colour: str, style: str) -> None:
+    x, y = ([float(row[key]) for row in points] for key in ("value", "error"))
+    peer = bool(points[0].get("peer"))
+    axes.plot(x, y, style, color=colour, linewidth=1.3 if peer else 2.4, zorder=3 if peer else 4)
+    faces = ["white" if row.get("measured", 1.0) < _ALL else colour for row in points]
+    axes.scatter(x, y, s=16 if peer else 26, c=faces, edgecolors=colour, zorder=4 if peer else 5)
+
+
+def _label(axes: Axes, ends: Mapping[str, tuple[float, float]], colours: Mapping[str, str]) -> None:
+    """Names in a column at the right, in the order of the lines' ends, each joined to its own."""
+    names = sorted(ends, key=lambda name: ends[name][1])
+    to_axes = (axes.transScale + axes.transLimits).transform
+    wanted = np.array([to_axes(ends[name])[1] for name in names])
+    for name, place in zip(names, spread(wanted, 0.075), strict=True):
+        axes.annotate(
+            name, ends[name], xytext=(1.05, place), textcoords="axes fraction", va="center", fontsize=8,
+            color=colours[name], annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": colours[name], "linewidth": 0.5, "relpos": (0, 0.5), "shrinkB": 3},
+        )  # fmt: skip

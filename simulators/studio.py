@@ -9,7 +9,10 @@ from simulators.layout import Array, HolderLayout, Layout, build_layout, rotatio
 from simulators.light import radiance
 from simulators.pose import Pose
 from simulators.samples.brick import brick_relief
+from simulators.samples.grass import grass_mesh
 from simulators.samples.mesh import Mesh, MeshSample
+from simulators.samples.peanut import peanut_mesh
+from simulators.samples.pipe import pipe_mesh
 from simulators.samples.relief import Relief, ReliefSample, flat_relief
 from simulators.samples.weave import weave_mesh
 from simulators.scene import Floats, Hits, Mask, Scene
@@ -38,6 +41,9 @@ SCENES: Mapping[str, Callable[[Layout], Scene]] = {
     "white": _in_holder(lambda layout: flat_relief(layout.holder.opening_m, 0.0, layout.holder.albedo)),
     "brick": _in_holder(lambda layout: brick_relief(layout.holder.opening_m, layout.seed)),
     "weave": _mesh_in_holder(weave_mesh),
+    "peanut": _mesh_in_holder(peanut_mesh),
+    "grass": _mesh_in_holder(grass_mesh),
+    "pipe": _mesh_in_holder(pipe_mesh),
     "sphere": lambda layout: SphereScene(layout.sphere, layout.seed),
     "charuco": lambda layout: BoardScene(layout.board),
     "mirror": lambda layout: MirrorScene(layout.mirror),

@@ -24,7 +24,7 @@ def endless_tubes(rings: Array, surface: Array, period: Array) -> Mesh:
 def capped_tubes(rings: Array, surface: Array) -> Mesh:
     """Tubes (b, m, n, 3) of m rings of n points, closed at both ends by a fan; otherwise as `endless_tubes`."""
     b, m, n, _ = rings.shape
-    start, end = (np.repeat(rings[:, k : k + 1].mean(axis=2, keepdims=True), n, axis=2) for k in (0, -1))
+    start, end = (np.repeat(rings[:, [k]].mean(axis=2, keepdims=True), n, axis=2) for k in (0, -1))
     closed = np.concatenate([start, rings, end], axis=1)
     faces = _between_rings(b, m + 2, n)
     sums = _normal_sums(closed, faces)
@@ -44,6 +44,28 @@ def plate(half_m: float, height_m: float, values: tuple[float, float, float, flo
     return build_mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), up, np.tile(values, (4, 1)))
 
 
+def terrain(heights: Array, surface: Array, period_m: float) -> Mesh:
+    """Ground over one period, which faces up: heights (n, n) and surface (n, n, 5), row 0 at the lowest y."""
+    n = len(heights)
+    place = (np.arange(n + 1) / n - 0.5) * period_m
+    x, y = np.meshgrid(place, place)
+    z, values = (np.pad(field, [(0, 1), (0, 1)] + [(0, 0)] * (field.ndim - 2), "wrap") for field in (heights, surface))
+    around = np.pad(heights, 1, "wrap")
+    along_y, along_x = (np.gradient(around, period_m / n, axis=axis)[1:-1, 1:-1] for axis in (0, 1))
+    up = np.pad(np.stack([-along_x, -along_y, np.ones_like(heights)], axis=-1), [(0, 1), (0, 1), (0, 0)], "wrap")
+    index = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    faces = np.stack([a, b, d, a, d, c], axis=-1).reshape(-1, 3)
+    return build_mesh(
+        np.stack([x, y, z], axis=-1).reshape(-1, 3), faces, up.reshape(-1, 3), values.reshape(-1, values.shape[-1])
+    )
+
+
+def unit(vectors: Array) -> Array:
+    """Vectors (..., 3) of length 1."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
 def sweep(centres: Array, tangents: Array, across: Array, profile: Array) -> Array:
     """Rings (b, m, n, 3) about centre lines (b, m, 3).
 
@@ -51,7 +73,7 @@ def sweep(centres: Array, tangents: Array, across: Array, profile: Array) -> Arr
     `across` (b, m, 3) in that plane, its second tangent x first.
     """
     first = across - (across * tangents).sum(axis=-1, keepdims=True) * tangents
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    first = unit(first)
     second = np.cross(tangents, first)
     rings: Array = centres[:, :, None] + profile[..., :1] * first[:, :, None] + profile[..., 1:] * second[:, :, None]
     return rings

@@ -3,7 +3,7 @@
 import numpy as np
 
 from simulators.layout import HolderLayout
-from simulators.samples.bodies import endless_tubes, plate, sweep
+from simulators.samples.bodies import endless_tubes, plate, sweep, unit
 from simulators.samples.mesh import Mesh, join, tile
 from simulators.samples.noise import Array, smooth_noise
 
@@ -52,8 +52,7 @@ def _yarns(period_m: float, colours: Array, rng: np.random.Generator) -> Mesh:
     before, after = np.roll(centres, 1, axis=1), np.roll(centres, -1, axis=1)
     before[:, 0] -= period
     after[:, -1] += period
-    tangents = after - before
-    tangents /= np.linalg.norm(tangents, axis=-1, keepdims=True)
+    tangents = unit(after - before)
     across = np.broadcast_to([0.0, 1.0, 0.0], centres.shape)
     strand = np.abs(np.sin(np.pi * PLIES * np.arange(AROUND) / AROUND))  # 0 where plies meet
     rings = sweep(centres, tangents, across, _profile(along, strand, rng))

@@ -25,6 +25,12 @@ def spline_on(knots: Array, coefficients: Array) -> BSpline:
     return BSpline(knots, coefficients, 3)
 
 
+def pieces_at(knots: Array, time: Array) -> NDArray[np.intp]:
+    """The piece (n,) in which each time lies, the first or the last for times beyond the ends."""
+    place = (time - knots[3]) / (knots[4] - knots[3])
+    return np.asarray(np.clip(place, 0, len(knots) - 8), np.intp)
+
+
 @njit(inline="always")
 def locate(knots: Array, time: float) -> tuple[int, float]:
     """The first of the four coefficients at a time, and its place in [0, 1] within the piece; ends are held."""

@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline
 
 from processing.cameras.calibration import CameraModel
 from processing.laser import sweep_kernel
-from processing.laser.even_spline import abscissae, even_knots, spline_on
+from processing.laser.even_spline import abscissae, even_knots, pieces_at, spline_on
 from processing.laser.fan import Fan, fan_angle, fan_frame, fan_source
 from processing.laser.holder import Holder, reference_region
 from processing.laser.range_kernel import SweepModel
@@ -24,6 +24,7 @@ from processing.robust import biweight, bulk_deviation
 
 Array = NDArray[np.float64]
 _KNOT_FRAMES = 1.0
+_MOST_PIECES = 400  # a longer sweep is known to a four hundredth of it: the work grows with the cube
 _UNEVENNESS = 0.1  # relative change of the motor's speed from knot to knot (one sigma), before the sweep tells its own
 _EVENEST = 1e-4
 _MIN_POINTS = 60
@@ -34,6 +35,9 @@ _LATEST_FRAMES = 0.5  # by which a time is corrected; what is later is an outlie
 _STEP_M = 1e-4  # in height that tells the holder's two levels apart
 _SHORTEST_FRAMES = 8.0  # of a sweep whose motion can be told
 _SECOND_HEIGHT = 0.02  # share of the points that must lie on the lower one
+_PRECISE = 4.0  # times the variance of a piece's most precise tenth: the colour that the laser has
+_FEWEST = 5  # of them that can tell a piece's own scatter
+_BEYOND_DOUBT = 4.0  # standard errors of that scatter
 
 
 class SweepStatus(IntEnum):
@@ -80,7 +84,8 @@ class LaserSweep:
     `fan` are the laser's elevation, distance, azimuth and the roll of the fan's axis; `spline` gives the plane's
     depression angle in radians over time in frames, known from `first` to `last`. `covariance` is that of the four
     parameters and the spline's coefficients together. `excess_rad` is the scatter of the reference points that the
-    noise of their times does not explain (camera calibration, holder). `outliers` of `points` had no say.
+    noise of their times does not explain (camera calibration, holder); `local_excess_rad` (pieces of the spline) is
+    more than that where frames around a time were lost, doubled or late. `outliers` of `points` had no say.
     """
 
     status: SweepStatus
@@ -90,6 +95,7 @@ class LaserSweep:
     first: float
     last: float
     excess_rad: float
+    local_excess_rad: Array = field(repr=False)
     points: int
     outliers: int
 
@@ -107,7 +113,8 @@ class LaserSweep:
     def model(self) -> SweepModel:
         """The planes and their uncertainty as the kernels take them."""
         spline = (self.spline.t, self.spline.c)
-        return SweepModel(fan_frame(self.fan), *spline, self.covariance, self.excess_rad**2, self.first, self.last)
+        excess_rad2 = self.local_excess_rad**2
+        return SweepModel(fan_frame(self.fan), *spline, self.covariance, excess_rad2, self.first, self.last)
 
     def planes(self, time_frames: NDArray[np.floating]) -> tuple[Array, Array]:
         """Unit normals (..., 3) and offsets (...) of the planes n . p = d at these times; NaN outside the sweep."""
@@ -163,6 +170,7 @@ def fit_sweep(points_m: Array, time_frames: Array, time_variance: Array, mount: 
         float(first),
         float(last),
         problem.excess,
+        problem.local_excess(solution),
         len(weights),
         int(np.count_nonzero(weights < 0.1)),
     )
@@ -171,7 +179,8 @@ def fit_sweep(points_m: Array, time_frames: Array, time_variance: Array, mount: 
 def _no_stripe(mount: LaserMount, points: int) -> LaserSweep:
     unknown = np.full((8, 8), np.nan)
     spline = spline_on(even_knots(0.0, 1.0, 1), np.zeros(4))
-    return LaserSweep(SweepStatus.NO_STRIPE, mount.fan, spline, unknown, np.inf, -np.inf, np.nan, points, points)
+    nan = np.full(1, np.nan)
+    return LaserSweep(SweepStatus.NO_STRIPE, mount.fan, spline, unknown, np.inf, -np.inf, np.nan, nan, points, points)
 
 
 class _Problem:
@@ -198,6 +207,26 @@ class _Problem:
             self._learn_unevenness(solution, covariance)
         return solution, covariance, weights
 
+    def local_excess(self, solution: Array) -> Array:
+        """`excess` in every piece of the spline, or what the piece's precise points scatter by, where that is larger.
+
+        A frame that was lost, doubled or late makes the times around it wrong, for the sample as for the holder.
+        """
+        residual, speed = self._residuals(solution)
+        noise = self._noise(speed)
+        ratio = residual / np.sqrt(noise + self.excess**2)
+        piece = pieces_at(self.knots, self.time)
+        order = np.argsort(piece, kind="stable")
+        local = np.full(len(self.knots) - 7, self.excess)
+        for k, part in enumerate(np.split(order, np.searchsorted(piece[order], np.arange(1, len(local))))):
+            if part.size < _FEWEST:
+                continue
+            precise = part[noise[part] <= _PRECISE * np.quantile(noise[part], 0.1)]
+            scatter = bulk_deviation(ratio[precise])
+            if precise.size >= _FEWEST and scatter > 1.0 + _BEYOND_DOUBT / np.sqrt(precise.size):
+                local[k] = np.hypot(scatter * self.excess, np.sqrt((scatter**2 - 1.0) * np.median(noise[precise])))
+        return local
+
     def _residuals(self, solution: Array) -> Array:
         """Angles (2, n): every point's less the plane's at its time, and the plane's speed then."""
         found = np.empty((2, len(self.time)))
@@ -206,12 +235,16 @@ class _Problem:
 
     def _sigma(self, residual: Array, speed: Array) -> Array:
         """Standard deviation of every residual; brings `excess` to where the robust scale of residual / sigma is 1."""
-        noise = np.maximum(speed**2, (_SLOWEST * self.rate) ** 2) * self.variance
+        noise = self._noise(speed)
         for _ in range(8):
             sigma2 = noise + self.excess**2
             change = (bulk_deviation(residual / np.sqrt(sigma2)) ** 2 - 1.0) * float(np.median(sigma2))
             self.excess = float(np.sqrt(max(self.excess**2 + change, 1e-4 * np.median(noise))))
         return np.asarray(np.sqrt(noise + self.excess**2))
+
+    def _noise(self, speed: Array) -> Array:
+        """Variance of the points' angles that their times explain."""
+        return np.asarray(np.maximum(speed**2, (_SLOWEST * self.rate) ** 2) * self.variance, np.float64)
 
     def _step(self, solution: Array, errors: tuple[Array, Array], speed: Array) -> tuple[Array, Array]:
         """Covariance of the solution, and the way to the next one.
@@ -251,7 +284,8 @@ class _Problem:
 
 
 def _knots(first: float, last: float) -> Array:
-    return even_knots(first, last, max(int(np.ceil((last - first) / _KNOT_FRAMES)), 1))
+    pieces = int(np.ceil((last - first) / _KNOT_FRAMES))
+    return even_knots(first, last, min(max(pieces, 1), _MOST_PIECES))
 
 
 def _median_line(time: Array, angle: Array) -> tuple[float, float]:

@@ -22,7 +22,7 @@ class RangeStatus(IntEnum):
     MEASURED = range_kernel.MEASURED
     NOT_SAMPLE = range_kernel.NOT_SAMPLE  # the pixel does not look into the holder's opening
     NO_PEAK = range_kernel.NO_PEAK  # no time: see PeakTimes.status
-    NO_PLANE = range_kernel.NO_PLANE  # outside the sweep, or the plane is seen edge on
+    NO_PLANE = range_kernel.NO_PLANE  # outside the sweep, seen edge on, or less certain than the sample's box
     OUTSIDE_BOX = range_kernel.OUTSIDE_BOX  # the point lies where no sample can be: a false peak
 
 

@@ -13,17 +13,21 @@ from processing.laser.holder_kernel import to_sample
 Array = NDArray[np.float64]
 MEASURED, NOT_SAMPLE, NO_PEAK, NO_PLANE, OUTSIDE_BOX = range(5)
 GRAZING = 0.05  # cosine between view ray and plane normal under which the cut means nothing
+VAGUE = 12.0  # the box's depth squared over the variance of any place in it: what says no more says nothing
 MARGIN_M = 0.0003  # by which a point may leave the sample's box, beside three sigma
 
 
 class SweepModel(NamedTuple):
-    """A sweep's planes: the fan's frame (4, 3), the spline of its angle, what both leave open, and the known times."""
+    """A sweep's planes: the fan's frame (4, 3), the spline of its angle, what both leave open, and the known times.
+
+    `excess_rad2` (pieces,) is the unexplained variance of the angle in every piece of the spline.
+    """
 
     frame: Array
     knots: Array
     coefficients: Array
     covariance: Array
-    excess_rad2: float
+    excess_rad2: Array
     first: float
     last: float
 
@@ -40,12 +44,12 @@ class SampleBox(NamedTuple):
 def _model_variance(
     model: SweepModel, slopes: tuple[float, float, float, float, float], time: float, row: Array
 ) -> float:
-    """Variance of the angle between the plane at a time and a point, from the covariance of the model's parameters."""
+    """Variance of the angle between the plane at a time and a point: the model's parameters', and the unexplained."""
     piece, u = locate(model.knots, time)
     row[0], row[1], row[2], row[3] = slopes[0], slopes[1], slopes[2], slopes[3]
     b0, b1, b2, b3 = basis(u)
     row[4], row[5], row[6], row[7] = -b0, -b1, -b2, -b3
-    total = 0.0
+    total = float(model.excess_rad2[piece])
     for i in range(4 + ORDER):
         k = i if i < 4 else i + piece
         part = 0.5 * model.covariance[k, k] * row[i]
@@ -82,7 +86,7 @@ def _cut(
     length = away / slant
     point = centre[0] + length * ray[0], centre[1] + length * ray[1], centre[2] + length * ray[2]
     slopes = angle_slopes(model.frame, point[0], point[1], point[2])
-    variance = speed * speed * time_variance + model.excess_rad2 + _model_variance(model, slopes, time, row)
+    variance = speed * speed * time_variance + _model_variance(model, slopes, time, row)
     return length + centre[2] / ray[2], variance * slopes[4] / (slant * slant)
 
 
@@ -120,7 +124,7 @@ def cut_rays(
             status[r, c] = NO_PLANE
             if time >= model.first and time <= model.last:
                 depth, spread = _cut(model, centre, ray, (time, float(time_variances[r, c])), row)
-                if depth == depth:
+                if VAGUE * spread <= box.depth_m**2:  # so no NaN either
                     way = top + depth
                     place = centre[0] + way * ray[0], centre[1] + way * ray[1], centre[2] + way * ray[2]
                     if _outside(box, place[0], place[1], place[2], np.sqrt(spread)):

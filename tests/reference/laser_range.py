@@ -57,7 +57,10 @@ def cut_rays(times, variances, camera, sample, sweep):
     margin = MARGIN_M + 3 * np.sqrt(variance)
     out = np.abs(local[..., :2]).max(axis=-1) > holder.sample_m / 2 + margin
     out |= (local[..., 2] > margin) | (local[..., 2] < -holder.depth_m - margin)
-    status = np.where(np.isnan(times), NO_PEAK, np.where(np.isnan(depth), NO_PLANE, np.where(out, OUTSIDE_BOX, 0)))
+    vague = variance > holder.depth_m**2 / 12
+    status = np.where(
+        np.isnan(times), NO_PEAK, np.where(np.isnan(depth) | vague, NO_PLANE, np.where(out, OUTSIDE_BOX, 0))
+    )
     status = np.where(inside, status, NOT_SAMPLE)
     found = status == MEASURED
     return status, np.where(found, depth, np.nan), np.where(found, variance, np.nan)
@@ -67,4 +70,5 @@ def _angle_variance(sweep, points, times, time_variances):
     basis = sweep.spline.design_matrix(times, sweep.spline.t, 3).toarray()
     jacobian = np.hstack([fan_slopes(sweep.fan, points), -basis])
     model = np.einsum("ij,jk,ik->i", jacobian, sweep.covariance, jacobian, optimize=True)
-    return sweep.spline.derivative()(times) ** 2 * time_variances + sweep.excess_rad**2 + model
+    excess = sweep.local_excess_rad[np.searchsorted(sweep.spline.t[4:-4], times, side="right")]
+    return sweep.spline.derivative()(times) ** 2 * time_variances + excess**2 + model

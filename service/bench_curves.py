@@ -37,7 +37,8 @@ def draw_curves(record: Path, picture: Path) -> bool:
 def curves_figure(title: str, rows: Sequence[Row]) -> Figure:
     """A panel per parameter: error over its value, a line per method, named at its end; the bound dashed.
 
-    Our methods are black and grey, peers coloured; a point is hollow where under nine tenths were `measured`.
+    Our methods are black and grey, peers coloured, references (what is no method) dotted and dashed. A point is hollow
+    where under nine tenths were `measured`.
     """
     parameters = list(dict.fromkeys(str(row["parameter"]) for row in rows))
     down = -(-len(parameters) // _COLUMNS)
@@ -95,6 +96,9 @@ def _short(value: float) -> str:
 
 def _draw_line(axes: Axes, points: Sequence[Row], colour: str, style: str) -> None:
     x, y = ([float(row[key]) for row in points] for key in ("value", "error"))
+    if points[0].get("reference"):
+        axes.plot(x, y, "-.", color=colour, linewidth=1.3, zorder=5)
+        return
     peer = bool(points[0].get("peer"))
     axes.plot(x, y, style, color=colour, linewidth=1.3 if peer else 2.4, zorder=3 if peer else 4)
     faces = ["white" if row.get("measured", 1.0) < _ALL else colour for row in points]

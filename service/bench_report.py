@@ -57,7 +57,8 @@ def _panels(path: Path) -> list[tuple[str, list[Row]]]:
 def _draw_panel(axes: Axes, title: str, rows: Sequence[Row]) -> None:
     sizes = list(dict.fromkeys(str(row.get("size", "")) for row in rows))
     methods = {row["method"]: [r for r in rows if r["method"] == row["method"]] for row in rows}
-    axes.set(xscale="log", yscale="log", xlabel="run time in s", ylabel="error")
+    unit = f" in {rows[0]['unit']}" if "unit" in rows[0] else ""
+    axes.set(xscale="log", yscale="log", xlabel="run time in s", ylabel=f"error{unit}")
     axes.set_title(title, loc="left")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))

@@ -103,12 +103,18 @@ def row_centroid(frames, _=None):
 
 
 def row_ridge(frames, about):
-    """The ridge after Steger 1998 of every row of every frame, filtered at the stripe's own width."""
-    found = np.full(frames.shape[:2], np.nan)
-    for columns, frame in zip(found, _signal(frames), strict=True):
-        uv_px = stripe_ridge(frame, max(about[1], 0.7), LEAST_DN / 2).uv_px
-        columns[np.rint(uv_px[:, 1]).astype(int)] = uv_px[:, 0]
-    return found
+    """The ridge after Steger 1998 of every row of every frame, filtered at the stripe's own width.
+
+    All frames in one picture, each continued beyond its ends as far as the filter reaches.
+    """
+    _, height, width = frames.shape
+    sigma_px = max(about[1], 0.7)
+    margin = int(np.ceil(4 * sigma_px)) + 1
+    sheet = np.pad(_signal(frames), ((0, 0), (margin, margin), (0, 0)), mode="edge")
+    uv_px = stripe_ridge(sheet.reshape(-1, width), sigma_px, LEAST_DN / 2).uv_px
+    found = np.full(sheet.shape[:2], np.nan)
+    found[np.divmod(np.rint(uv_px[:, 1]).astype(int), sheet.shape[1])] = uv_px[:, 0]
+    return found[:, margin : margin + height]
 
 
 def _signal(frames):

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.chance import Key, generator
+from simulators.chance import Key
 from simulators.dng import RawFile, encode_dng
 from simulators.glint import Spots, add_spots, glint
 from simulators.layout import Array, CameraLayout, Layout
@@ -34,11 +34,11 @@ from simulators.pose import Pose
 from simulators.recent import Recent
 from simulators.scene import Floats, Hits
 from simulators.sensor import Sensor, Unit
+from simulators.speckle import STILL_SPECKLE, Speckle
 from simulators.studio import CAP, LIGHTBOX, Studio
 from simulators.truth import Argument, Truth
 
 SAMPLES = {"small": (2, 4), "full": (1, 2)}  # rays per pixel along each axis; the second for the printed board's edges
-SPECKLE = 0.03  # contrast
 BLUR_PX = 0.5  # standard deviation of the lens and the sensor's low-pass filter; the laser is taken as sharp
 VIEW_BYTES, MOSAIC_BYTES = 256 << 20, 64 << 20
 ISO, F_NUMBER, PIXEL_PITCH_M = 100, 8.0, 6e-6
@@ -62,25 +62,29 @@ class Stripe:
     """The laser's light on the pixels that it can reach.
 
     `pixel` (n,) counts along rows; `angles` and `widths` (n,) are the fan angle that lights the pixel and the stripe's
-    standard deviation there, `rate_e_s` (n,) is the pixel's rate in the middle of the stripe.
+    standard deviation there, `rate_e_s` (n,) is the pixel's rate in the middle of the stripe, `phases` (n, m) are its
+    moving speckle's.
     """
 
     pixel: NDArray[np.int64]
     angles: Array
     widths: Array
     rate_e_s: Array
+    phases: Floats
 
     @property
     def nbytes(self) -> int:
         """Memory that the arrays take."""
-        return self.pixel.nbytes + self.angles.nbytes + self.widths.nbytes + self.rate_e_s.nbytes
+        arrays = (self.pixel, self.angles, self.widths, self.rate_e_s, self.phases)
+        return sum(array.nbytes for array in arrays)
 
 
 class Optics:
     """Light, scenes and cameras of one rig. Not for use by several threads at once."""
 
-    def __init__(self, seed: int, size: str, truth_dir: Path) -> None:
+    def __init__(self, seed: int, size: str, truth_dir: Path, speckle: Speckle = STILL_SPECKLE) -> None:
         self._studio = Studio(seed, size)
+        self._speckle = speckle
         self._views: Recent[View] = Recent(VIEW_BYTES, lambda view: view.hits.nbytes)
         self._mosaics: Recent[Floats] = Recent(MOSAIC_BYTES, lambda mosaic: mosaic.nbytes)
         self._stripes: Recent[Stripe] = Recent(VIEW_BYTES, lambda stripe: stripe.nbytes)
@@ -136,7 +140,8 @@ class Optics:
             margin = 6 * stripe.widths
             near = (stripe.angles > low - margin) & (stripe.angles < high + margin)
             profile = stripe_profile(stripe.angles[near], stripe.widths[near], pose.laser_sweep)
-            rate[stripe.pixel[near]] = stripe.rate_e_s[near] * profile
+            speckle = self._speckle.passing(stripe.phases[near], stripe.widths[near], pose.laser_sweep)
+            rate[stripe.pixel[near]] = stripe.rate_e_s[near] * profile * speckle
         return rate.reshape(device.height_px, device.width_px)
 
     def _covered_rate(self, camera: str, *, lit: bool) -> Floats:
@@ -211,11 +216,13 @@ class Optics:
         pixel = view.hits.ray
         row, col = np.divmod(pixel, self.layout.cameras[camera].width_px)
         gains = (ELECTRONS_PER_RADIANCE * LASER_CHANNELS)[row % 2 + col % 2] * self._response(camera).ravel()[pixel]
-        speckle = 1 + SPECKLE * generator((self._studio.seed, *map(str, key))).standard_normal(len(pixel))
+        chance: Key = (self._studio.seed, *map(str, key))
+        rate = red * gains * self._speckle.fixed(len(pixel), chance)
         across = np.hypot((points[:, :2] - source[:2]) @ _azimuth(pose.light_arc_rad), points[:, 2] - source[2])
         angles = stripe_angles(points, source, pose.light_arc_rad)
         seen = red > 0
-        return Stripe(pixel[seen], angles[seen], (laser.sigma_m / across)[seen], (red * gains * speckle)[seen])
+        phases = self._speckle.phases(len(pixel), chance)
+        return Stripe(pixel[seen], angles[seen], (laser.sigma_m / across)[seen], rate[seen], phases[seen])
 
     def _view(self, camera: str, pose: Pose, samples: int | None = None) -> View:
         device = self.layout.cameras[camera]

@@ -28,6 +28,7 @@ def test_rig_toml_is_what_the_rig_reads(tmp_path, size):
     assert config.holder.white_reflectance == layout.holder.albedo
     assert config.bus.port == 'a "bus" \\ port'
     assert config.laser is not None
+    assert config.laser.elevations_deg == (20, 35, 50, 65, 75)
     assert config.clock is not None
 
 
@@ -68,7 +69,7 @@ def test_true_lamps_are_near_nominal_and_differ_between_seeds(name):
     assert not np.allclose(build_layout(2, "small").lamp_position(name, 0.0, 0.0), true)
 
 
-@given(ANGLES, st.sampled_from([35.0, 50.0]), st.floats(0, 480))
+@given(ANGLES, st.sampled_from(LAYOUT.laser.elevations_deg), st.floats(0, 480))
 def test_fan_plane_holds_source_and_a_trace_square_to_the_azimuth(arc_rad, elevation_deg, ticks):
     laser, elevation_rad = LAYOUT.laser, radians(elevation_deg)
     normal, offset = laser.plane(arc_rad, elevation_rad, laser.fan_rad(ticks, elevation_rad))
@@ -79,8 +80,21 @@ def test_fan_plane_holds_source_and_a_trace_square_to_the_azimuth(arc_rad, eleva
     assert abs(trace_m) <= 0.052 + 1e-9
 
 
+def test_every_mounting_is_off_by_its_own_amount_and_those_of_old_rigs_as_before():
+    laser = LAYOUT.laser
+    turns_rad, shifts_m = np.array(laser.offsets).T
+    assert len(set(laser.offsets)) == len(laser.elevations_deg) == 5
+    assert np.all(np.abs(turns_rad) <= radians(0.3))
+    assert np.all(np.abs(shifts_m) <= 0.002)
+    two = np.random.default_rng([1, 3]).uniform(-1, 1, (2, 2)) * (radians(0.3), 0.002)
+    for elevation_deg, (turn_rad, shift_m) in zip((35.0, 50.0), two, strict=True):
+        true_rad, distance_m = laser.mounting(radians(elevation_deg))
+        assert true_rad == radians(elevation_deg) + turn_rad
+        assert distance_m == 0.8 + shift_m
+
+
 @pytest.mark.parametrize(("ticks", "trace_m"), [(0, -0.052), (480, 0.052)])
-@pytest.mark.parametrize("elevation_deg", [35.0, 50.0])
+@pytest.mark.parametrize("elevation_deg", LAYOUT.laser.elevations_deg)
 def test_sweep_runs_from_end_to_end(ticks, trace_m, elevation_deg):
     laser, elevation_rad = LAYOUT.laser, radians(elevation_deg)
     normal, offset = laser.plane(0.0, elevation_rad, laser.fan_rad(ticks, elevation_rad))

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from processing import geometry
 from processing.cameras.calibration import CameraModel
 from processing.errors import ImageError
 from processing.laser.displacement import Merged, merge_displacements, tetrahedron_weights
-from processing.laser.holder import Holder, reference_region
+from processing.laser.fan import fan_source
+from processing.laser.holder import Holder, reference_region, wanted_pixels
 from processing.laser.laser_plane import LaserMount, LaserSweep, SweepStatus, sweep_planes
 from processing.laser.range_image import RangeImage, RangeStatus, range_image
 from processing.laser.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
@@ -21,6 +23,8 @@ from processing.radiometry.sensor import Sensor
 
 Array = NDArray[np.float64]
 DIM = 0.03  # of the white frame's pulse: darker ones are interreflections, not the stripe
+DOUBT = 0.1  # of the box's depth: a texel with a larger standard deviation is a hole
+_MERGED = ("displacement_m", "variance_m2", "used", "rejected")  # the images of Merged
 
 
 class Weighting(Enum):
@@ -35,7 +39,8 @@ class Sweep:
     """One passage of the stripe in one camera.
 
     `view` names what shares one view of the sample: camera and turntable angle. `frames` are uint16 mosaics (t, h, w)
-    or any iterable of them; `times` (t,) in frame intervals where frames are missing.
+    or any iterable of them; `times` (t,) in frame intervals where frames are missing or uneven. `unusable` (h, w) are
+    pixels whose counts mean nothing, such as hot ones.
     """
 
     view: str
@@ -45,6 +50,7 @@ class Sweep:
     rig_from_sample: Array
     mount: LaserMount
     times: Array | None = None
+    unusable: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -82,26 +88,36 @@ def mdf_from_sweeps(
 ) -> tuple[Mdf, tuple[ViewResult, ...]]:
     """MDF (view, y, x) over the holder's texels, and what became of each view, in the order in which views appear.
 
-    Sweeps are taken one by one, so frames may be read as they are needed. A view direction is that of the camera from
-    the sample's centre, in the sample frame. Texels that no laser location reached are NaN.
-    Raises ImageError where there is no sweep, or frames do not fit their camera.
+    Sweeps of one view follow one another. They are taken one by one, so frames may be read as they are needed, and no
+    more than one view's sweeps are in memory. A view direction is that of the camera from the sample's centre, in the
+    sample frame. Texels that no laser location reached are NaN.
+    Raises ImageError where there is no sweep, a view's sweeps are torn apart, or frames do not fit their camera.
     """
-    views: dict[str, list[SweepResult]] = {}
-    for sweep in sweeps:
-        result = measure_sweep(sweep, holder, settings)
-        views.setdefault(sweep.view, []).append(replace(result, sweep=replace(sweep, frames=())))
-    if not views:
+    merged: dict[str, ViewResult] = {}
+    sheets, directions = [], []
+    for view, mine in groupby(sweeps, key=lambda sweep: sweep.view):
+        if view in merged:
+            raise ImageError(f"{view}: its sweeps must follow one another, but those of another view lie between.")
+        results = [_without_frames(measure_sweep(sweep, holder, settings)) for sweep in mine]
+        merged[view] = merge_view(view, results, weighting)
+        sheets.append(view_texels(merged[view].merged, results[0].sweep, holder, texels))
+        directions.append(_view_direction(results[0].sweep))
+    if not merged:
         raise ImageError("no sweeps: an MDF needs at least one view.")
-    merged = tuple(merge_view(view, results, weighting) for view, results in views.items())
-    sheets = [view_texels(m.merged, views[m.view][0].sweep, holder, texels) for m in merged]
-    directions = np.stack([_view_direction(views[m.view][0].sweep) for m in merged])
     displacement, variance = (np.stack([sheet[i] for sheet in sheets]) for i in (0, 1))
-    return Mdf(displacement, variance, directions, holder.texels_m), merged
+    return Mdf(displacement, variance, np.stack(directions), holder.texels_m), tuple(merged.values())
+
+
+def _without_frames(result: SweepResult) -> SweepResult:
+    return replace(result, sweep=replace(result.sweep, frames=()))
 
 
 def measure_sweep(sweep: Sweep, holder: Holder, settings: PulseSettings | None = None) -> SweepResult:
     """Peak times, laser planes and displacements of one sweep. Raises ImageError where frames do not fit the camera."""
-    peaks = peak_times(sweep.frames, sweep.sensor, settings, sweep.times)
+    wanted = wanted_pixels(sweep.camera, sweep.rig_from_sample, holder, fan_source(sweep.mount.fan)[0])
+    if sweep.unusable is not None:
+        wanted &= ~sweep.unusable
+    peaks = peak_times(sweep.frames, sweep.sensor, settings, sweep.times, wanted)
     if peaks.status.shape != tuple(sweep.camera.size):
         raise ImageError(f"{sweep.view}: frames of {peaks.status.shape} pixels, but a camera of {sweep.camera.size}.")
     laser = sweep_planes(peaks, sweep.camera, sweep.rig_from_sample, holder, sweep.mount)
@@ -111,23 +127,42 @@ def measure_sweep(sweep: Sweep, holder: Holder, settings: PulseSettings | None =
 
 
 def merge_view(view: str, results: Sequence[SweepResult], weighting: Weighting) -> ViewResult:
-    """Merge the sweeps of one view over the laser's locations."""
+    """Merge the sweeps of one view over the laser's locations, where their pixels look at the sample."""
     weights = None
     if weighting == Weighting.TETRAHEDRON:
         weights = tetrahedron_weights(np.stack([r.laser.source_m for r in results]), results[0].sweep.camera.centre_m)
-    merged = merge_displacements(
-        np.stack([r.image.displacement_m for r in results]), np.stack([r.image.variance_m2 for r in results]), weights
+    looking = results[0].image.status != RangeStatus.NOT_SAMPLE
+    displacement, variance = (
+        np.stack([getattr(r.image, name)[looking] for r in results])[:, None] for name in _MERGED[:2]
     )
+    merged = _spread(merge_displacements(displacement, variance, weights), looking)
     return ViewResult(view, merged, tuple(r.laser for r in results), tuple(r.completeness for r in results))
+
+
+def _spread(merged: Merged, looking: NDArray[np.bool_]) -> Merged:
+    """What was merged of some pixels, at their places in the image (h, w)."""
+    images = {}
+    for name in _MERGED:
+        values = getattr(merged, name)[0]
+        images[name] = np.full(looking.shape, np.nan if values.dtype.kind == "f" else 0, values.dtype)
+        images[name][looking] = values
+    return replace(merged, **images)
 
 
 def view_texels(
     merged: Merged, sweep: Sweep, holder: Holder, texels: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Displacement and variance (n, n) of a view on the sample's texel grid (row 0 at +Y)."""
+    """Displacement and variance (n, n) of a view on the sample's texel grid (row 0 at +Y).
+
+    NaN also where the displacement's standard deviation exceeds DOUBT of the box's depth: whether the ray meets a
+    brick's edge or the joint behind it is then open, and a guess would be a false point.
+    """
     grid = geometry.transform_points(sweep.rig_from_sample, geometry.texel_grid(texels, holder.texels_m))
     uv_px = sweep.camera.project(grid)
-    return texel_displacement(merged.displacement_m, merged.variance_m2, uv_px, holder.texels_m / texels)
+    found, variance = texel_displacement(merged.displacement_m, merged.variance_m2, uv_px, holder.texels_m / texels)
+    with np.errstate(invalid="ignore"):
+        doubtful = variance > (DOUBT * holder.depth_m) ** 2
+    return np.where(doubtful, np.float32(np.nan), found), np.where(doubtful, np.float32(np.nan), variance)
 
 
 def _view_direction(sweep: Sweep) -> Array:

@@ -1,7 +1,9 @@
 """The mesostructure distance function: how far below the reference plane the surface lies along each view."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +41,8 @@ class Mdf:
         code = np.rint(np.clip(np.where(missing, 0.0, self.displacement_m), 0.0, None) / scale_m)
         return np.where(missing, MISSING_CODE, code).astype(np.uint8), scale_m
 
-    def save(self, folder: Path) -> None:
-        """Write mdf.npz and product.json into `folder`, which is made."""
+    def save(self, folder: Path, told: Mapping[str, Any] | None = None) -> None:
+        """Write mdf.npz and product.json, with what else is `told` of it for people, into `folder`, which is made."""
         folder.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(
             folder / "mdf.npz",
@@ -48,7 +50,7 @@ class Mdf:
             variance_m2=self.variance_m2,
             view_directions=self.view_directions,
         )
-        content = {"file": "mdf.npz", "axes": "view y x", "side_m": self.side_m}
+        content = {"file": "mdf.npz", "axes": "view y x", "side_m": self.side_m, **(told or {})}
         write_description(folder, KIND, content, self.provenance)
 
     @classmethod

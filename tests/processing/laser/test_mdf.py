@@ -28,7 +28,10 @@ def result(sweeps):
 
 
 def truth(elevation, turn):
-    """Displacement along the rays through the texels, by bisection on the bump, which hides nothing of itself here."""
+    """Displacement along the rays through the texels, by bisection on the bump, which hides nothing of itself here.
+
+    NaN where the ray meets the opening's wall before the bump.
+    """
     rig = Rig(camera_at(elevation), bump, turn)
     start = geometry.transform_points(rig.rig_from_sample, geometry.texel_grid(TEXELS, HOLDER.sample_m))
     rays = start - rig.camera.centre_m
@@ -39,22 +42,23 @@ def truth(elevation, turn):
         x, y, z = np.moveaxis(rig.local(start + middle[..., None] * rays), -1, 0)
         above = z > bump(x, y)
         low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return high
+    met = rig.local(start + high[..., None] * rays)
+    return np.where(np.abs(met[..., :2]).max(axis=-1) < HOLDER.sample_m / 2, high, np.nan)
 
 
 def test_mdf_is_the_surface(sweeps, result):
-    """Half of the texels within one step of the 8-bit code (4 mm / 255), nine of ten within three; few holes."""
+    """Half of the texels within a third of a step of the 8-bit code (4 mm / 255), nine of ten within two; few holes."""
     mdf, views = result
     assert [view.view for view in views] == [sweeps[0].view, sweeps[3].view]
     for sheet, variance, view in zip(mdf.displacement_m, mdf.variance_m2, VIEWS, strict=True):
         error = sheet - truth(*view)
-        assert np.isfinite(error).mean() > 0.97
+        assert np.isfinite(sheet).mean() > 0.96  # a row ends at the wall of the opening
         found = np.abs(error[np.isfinite(error)])
-        assert np.median(found) < 16e-6
-        assert np.percentile(found, 90) < 48e-6
+        assert np.median(found) < 5.3e-6
+        assert np.percentile(found, 90) < 32e-6
         inner = np.isfinite(error)
         ratio = error[inner] / np.sqrt(variance[inner])
-        assert 0.3 < np.sqrt(np.mean(ratio**2)) < 1.3  # at curved places the variance is on the safe side
+        assert 0.7 < np.sqrt(np.mean(ratio**2)) < 1.3
 
 
 def test_view_directions_turn_against_the_table(result):

@@ -117,9 +117,10 @@ def measure_sweep(sweep: Sweep, holder: Holder, settings: PulseSettings | None =
     wanted = wanted_pixels(sweep.camera, sweep.rig_from_sample, holder, fan_source(sweep.mount.fan)[0])
     if sweep.unusable is not None:
         wanted &= ~sweep.unusable
-    peaks = peak_times(sweep.frames, sweep.sensor, settings, sweep.times, wanted)
-    if peaks.status.shape != tuple(sweep.camera.size):
-        raise ImageError(f"{sweep.view}: frames of {peaks.status.shape} pixels, but a camera of {sweep.camera.size}.")
+    try:
+        peaks = peak_times(sweep.frames, sweep.sensor, settings, sweep.times, wanted)
+    except ImageError as error:
+        raise ImageError(f"{sweep.view}, a camera of {sweep.camera.size} pixels: {error}") from error
     laser = sweep_planes(peaks, sweep.camera, sweep.rig_from_sample, holder, sweep.mount)
     if laser.status != SweepStatus.NO_STRIPE:
         peaks = _without_dim(peaks, sweep, holder, laser)

@@ -109,7 +109,8 @@ def test_without_a_stripe_there_is_no_number(scene, level_dn):
 def test_two_equal_stripes_are_no_measurement(scene, share):
     """A second reflection or a second laser, 25 frames behind: nobody knows which of the two is meant."""
     result = scene.measure(scene.frames(scene.light_e + share * np.roll(scene.light_e, 25, axis=0)))
-    assert np.mean(result.peaks.status == PeakStatus.DOUBLE) > 0.3
+    looked_at = result.peaks.status != PeakStatus.NOT_WANTED
+    assert np.mean(result.peaks.status[looked_at] == PeakStatus.DOUBLE) > 0.3
     assert not (result.image.status == RangeStatus.MEASURED).any()
 
 

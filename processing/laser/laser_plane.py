@@ -27,6 +27,7 @@ _KNOT_FRAMES = 1.0
 _MOST_PIECES = 400  # a longer sweep is known to a four hundredth of it: the work grows with the cube
 _UNEVENNESS = 0.1  # relative change of the motor's speed from knot to knot (one sigma), before the sweep tells its own
 _EVENEST = 1e-4
+_INLIER_SQUARE = 0.828  # mean square of normal errors under the weights of the biweight
 _MIN_POINTS = 60
 _MAX_POINTS = 12000
 _ITERATIONS = 30
@@ -192,6 +193,8 @@ class _Problem:
         self.excess = bulk_deviation(fan_angle(mount.fan, points_m) - start - self.rate * time)
         self.start = np.concatenate([mount.fan, start + self.rate * abscissae(knots)])
         self.unevenness = _UNEVENNESS
+        second = np.diff(np.eye(len(abscissae(knots))), n=2, axis=0)
+        self.bend = np.einsum("ki,kj->ij", second, second)
 
     def solve(self) -> tuple[Array, Array, Array]:
         """Solution, covariance, and the final robust weights of the points."""
@@ -234,12 +237,16 @@ class _Problem:
         return found
 
     def _sigma(self, residual: Array, speed: Array) -> Array:
-        """Standard deviation of every residual; brings `excess` to where the robust scale of residual / sigma is 1."""
+        """Standard deviation of every residual; `excess` becomes what makes their squares as large as expected.
+
+        By maximum likelihood, so that precise points tell it, under Tukey's weights, so that wrong ones do not.
+        """
         noise = self._noise(speed)
-        for _ in range(8):
+        for _ in range(4):
             sigma2 = noise + self.excess**2
-            change = (bulk_deviation(residual / np.sqrt(sigma2)) ** 2 - 1.0) * float(np.median(sigma2))
-            self.excess = float(np.sqrt(max(self.excess**2 + change, 1e-4 * np.median(noise))))
+            weights = biweight(residual, np.sqrt(sigma2)) / sigma2**2
+            surplus = float(weights @ (residual**2 / _INLIER_SQUARE - sigma2)) / max(float(weights.sum()), 1e-300)
+            self.excess = float(np.sqrt(max(self.excess**2 + surplus, 1e-4 * np.median(noise))))
         return np.asarray(np.sqrt(noise + self.excess**2))
 
     def _noise(self, speed: Array) -> Array:
@@ -257,24 +264,21 @@ class _Problem:
         normal = self._prior()
         pull = normal @ (solution - self.start)
         sweep_kernel.normal_equations(self.points_m, time, errors, fan_frame(solution[:4]), self.knots, (normal, pull))
-        covariance = np.asarray(np.linalg.inv(normal), np.float64)
-        return covariance, -covariance @ pull
+        sweep_kernel.invert(normal)
+        return normal, -np.einsum("ij,j->i", normal, pull)
 
     def _prior(self) -> Array:
         """Inverse covariance of the deviation from the start: the mount's tolerances, the motor's evenness."""
-        count = len(self.start) - 4
-        second = np.diff(np.eye(count), n=2, axis=0) / (self.unevenness * self._advance)
-        prior = np.zeros((4 + count, 4 + count))
-        prior[:4, :4] = np.diag(self.mount.weights)
-        prior[4:, 4:] = second.T @ second
+        prior = np.diag(np.concatenate([self.mount.weights, np.zeros(len(self.start) - 4)]))
+        prior[4:, 4:] = self.bend / (self.unevenness * self._advance) ** 2
         return prior
 
     def _learn_unevenness(self, solution: Array, covariance: Array) -> None:
         """Let the changes of speed be as large as those found: their evidence's maximum (MacKay 1992, section 4)."""
         change = np.diff(solution[4:], n=2) / self._advance
-        bend = np.diff(np.eye(len(solution) - 4), n=2, axis=0) / self._advance
-        spread = np.einsum("ij,jk,ik->", bend, covariance[4:, 4:], bend, optimize=True)
-        determined = max(len(change) - float(spread) / self.unevenness**2, 1.0)
+        own, next_, after = (np.diagonal(covariance[4:, 4:], offset) for offset in range(3))
+        spread = own[:-2] + 4 * own[1:-1] + own[2:] - 4 * (next_[:-1] + next_[1:]) + 2 * after
+        determined = max(len(change) - float(spread.sum()) / (self.unevenness * self._advance) ** 2, 1.0)
         self.unevenness = max(float(np.sqrt(change @ change / determined)), _EVENEST)
 
     @property

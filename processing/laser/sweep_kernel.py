@@ -46,3 +46,23 @@ def normal_equations(
             pull[place[a]] += scaled * residual[i]
             for b in range(4 + ORDER):
                 normal[place[a], place[b]] += scaled * row[b]
+
+
+@njit(cache=True)
+def invert(matrix: Array) -> None:
+    """Invert a symmetric positive definite matrix (n, n) in place, by Gauss and Jordan.
+
+    A hundred unknowns take a millisecond; a library that wakes threads for them waits longer than that on a busy
+    machine.
+    """
+    for k in range(len(matrix)):
+        pivot = 1.0 / matrix[k, k]
+        matrix[k, k] = 1.0
+        for j in range(len(matrix)):
+            matrix[k, j] *= pivot
+        for i in range(len(matrix)):
+            if i != k:
+                factor = matrix[i, k]
+                matrix[i, k] = 0.0
+                for j in range(len(matrix)):
+                    matrix[i, j] -= factor * matrix[k, j]

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 
 from processing.cameras.calibration import CameraModel
 from processing.cameras.lens import Pinhole
@@ -133,22 +134,55 @@ class Rig:
 
     def electrons(self, points, lit) -> np.ndarray:
         """Stripe light (t, h, w) in electrons, integrated over an exposure of 0.3 frames."""
+        return self._light(points, lit)[0]
+
+    def time_bound(self, points, lit, background_e=30.0) -> np.ndarray:
+        """Smallest variance (h, w) in rad^2 with which frames can tell the angle of the plane that holds each point.
+
+        The Cramer-Rao bound for Gaussian noise of variance v = signal + background + read noise + rounding, whose mean
+        and variance both depend on the signal s: 1 / sum over frames of (ds/dangle)^2 (1/v + 1/(2 v^2)), with the true
+        height, width, background and motion known. Infinite where no light falls.
+        """
+        signal, slope = self._light(points, lit)
+        v = signal + background_e + SENSOR.read_noise_e**2 + SENSOR.gain_e_per_dn**2 / 12
+        information = (slope**2 * (1 / v + 0.5 / v**2)).sum(axis=0)
+        with np.errstate(divide="ignore"):
+            return 1.0 / information
+
+    def _light(self, points, lit):
+        """Electrons (t, h, w) and their derivative by the points' angle seen from the laser."""
         x, y, _ = np.moveaxis(self.local(points), -1, 0)
         holder = np.maximum(np.abs(x), np.abs(y)) > HOLDER.sample_m / 2
         strength = np.where(holder, 0.9, self.albedo(x, y)) / 0.9 * self.peak_e * np.where(lit, 1.0, 0.0)
         rows, columns = np.indices(strength.shape, sparse=True)
         strength = strength * np.array([[1.0, 0.12], [0.12, 0.03]])[rows % 2, columns % 2]
-        frames = np.empty((self.frames, *strength.shape))
-        for index in range(self.frames):
-            moments = index + np.array([-0.1, 0.0, 0.1])
-            offsets = np.stack([self._off(points, moment) for moment in moments]) / self.sigma_m
-            frames[index] = np.exp(-0.5 * offsets**2).mean(axis=0)
-        return np.nan_to_num(frames * strength)
+        angle, reach = self.polar(points)
+        moments = self.fan(np.arange(self.frames)[:, None] + np.array([-0.1, 0.0, 0.1]))
+        signal, slope = np.zeros((2, self.frames, strength.size))
+        _stripe((angle.ravel(), reach.ravel(), strength.ravel()), moments, self.sigma_m, signal, slope)
+        shape = (self.frames, *strength.shape)
+        return signal.reshape(shape), slope.reshape(shape)
 
-    def _off(self, points, time):
-        a, fan = np.radians(self.azimuth_deg), float(self.fan(time))
-        normal = np.array([np.sin(fan) * np.cos(a), np.sin(fan) * np.sin(a), -np.cos(fan)])
-        return (points - self.source) @ normal
+    def polar(self, points) -> tuple[np.ndarray, np.ndarray]:
+        """Depression angle and distance of points (..., 3), seen from the laser's level axis."""
+        a = np.radians(self.azimuth_deg)
+        level = (self.source - points) @ np.array([np.cos(a), np.sin(a), 0.0])
+        down = self.source[2] - points[..., 2]
+        return np.arctan2(down, level), np.hypot(down, level)
+
+
+@njit(cache=True)
+def _stripe(pixels, moments, sigma, signal, slope):
+    """Mean over each frame's moments of strength exp(-d^2 / (2 sigma^2)), d the distance from the plane."""
+    angle, reach, strength = pixels
+    for frame in range(moments.shape[0]):
+        for p in range(angle.size):
+            for fan in moments[frame]:
+                off = reach[p] * (angle[p] - fan) / sigma
+                if abs(off) < 7.0:
+                    light = strength[p] / moments.shape[1] * np.exp(-0.5 * off * off)
+                    signal[frame, p] += light
+                    slope[frame, p] -= light * off * reach[p] / sigma
 
 
 def expose(electrons: np.ndarray, rng: np.random.Generator, background_e: float = 30.0) -> np.ndarray:

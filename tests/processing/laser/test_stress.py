@@ -185,8 +185,8 @@ class LateRig(Rig):
 
     LATE = np.concatenate([[0.0], np.random.default_rng(4).normal(0, 0.15, FRAMES - 1)])
 
-    def _off(self, points, time):
-        return super()._off(points, time + self.LATE[round(time)])
+    def fan(self, time):
+        return super().fan(time + self.LATE[np.rint(time).astype(int)])
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +203,7 @@ def test_the_true_times_of_late_frames_are_used(scene, late_frames):
     untold = scene.measure(late_frames)
     error_m = [np.nanmedian(np.abs(r.image.displacement_m - scene.truth)) for r in (steady, told, untold)]
     assert error_m[1] < 1.1 * error_m[0]
-    assert error_m[2] > 1.1 * error_m[0]
+    assert error_m[2] > 1.03 * error_m[0]
     for result in (told, untold):
         assert_true_variance(scene, result)
     assert untold.laser.excess_rad > 1.5 * told.laser.excess_rad

@@ -139,6 +139,10 @@ class LaserUnit(Protocol):
         """Laser on, motor on; returns."""
         ...
 
+    def end_sweep(self) -> None:
+        """As `stop`; raises DeviceError where the motor did not turn as far as it should have by now."""
+        ...
+
     def stop(self) -> None:
         """Motor off and laser off, confirmed."""
         ...

@@ -46,7 +46,7 @@ KINDS: Mapping[str, Occasion] = {
     "frozen": Occasion.FRAME,  # the frame before once more
     "dark": Occasion.FRAME,  # lamps and laser do not light this frame
     "no_frame": Occasion.FRAME,  # no object, no event
-    "stall": Occasion.MOVE,  # the axis stops half way
+    "stall": Occasion.MOVE,  # the axis, or the laser's motor, stops half way
     "lost_steps": Occasion.MOVE,  # `steps` are counted but not made
     "dead_lamp": Occasion.LAMP,  # does not light from now on
 }
@@ -74,7 +74,7 @@ def fault_devices(layout: Layout) -> dict[Occasion, tuple[str, ...]]:
     return {
         Occasion.MESSAGE: ("bus", "dmx", "tower", *axes, *cameras),
         Occasion.FRAME: cameras,
-        Occasion.MOVE: axes,
+        Occasion.MOVE: (*axes, "laser"),
         Occasion.LAMP: tuple(layout.lamps),
     }
 

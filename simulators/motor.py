@@ -44,15 +44,22 @@ class LaserMotor:
     stops: tuple[float, float]  # sensor counts from the start of the sweep
     run: Run | None = None
     _rest: float = 0.0
+    _jam: float | None = None
 
     def ticks(self, time_ns: int) -> float:
         """Position in sensor counts (16 per turn of the axle) from the start of the sweep."""
         turned = self._rest if self.run is None else self.run.ticks(time_ns)
+        if self._jam is not None:
+            turned = min(turned, self._jam) if self._jam >= self._rest else max(turned, self._jam)
         return min(max(turned, self.stops[0]), self.stops[1])
 
-    def turn(self, time_ns: int, direction: int, power: int, key: Key) -> None:
-        """Turn at a power of 0 to 7 (direction 1 forward, -1 reverse, 0 stop). The key fixes the unevenness."""
+    def turn(self, time_ns: int, direction: int, power: int, key: Key, *, jams: bool = False) -> None:
+        """Turn at a power of 0 to 7 (direction 1 forward, -1 reverse, 0 stop). The key fixes the unevenness.
+
+        Gears that jam stand still half way to the end.
+        """
         self._rest = self.ticks(time_ns)
+        self._jam = (self._rest + self.stops[direction > 0]) / 2 if jams else None
         if direction == 0:
             self.run = None
             return

@@ -7,7 +7,7 @@ from typing import Any
 
 from simulators.chance import Key
 from simulators.clock import Clock
-from simulators.faults import FaultSchedule
+from simulators.faults import FaultSchedule, Occasion
 from simulators.layout import Layout
 from simulators.motor import LaserMotor
 from simulators.pose import Pose
@@ -105,9 +105,12 @@ class World:
     def turn_laser(self, direction: int, power: int) -> None:
         """Switch the laser's motor; each run has its own unevenness, which belongs to the pose and not to the hour."""
         key = (self.layout.seed, *self.place(), direction, power)
+        fault = None
         if direction:
             self.laser.runs[key] += 1
-        self.laser.motor.turn(self.clock.now_ns(), direction, power, (*key, self.laser.runs[key]))
+            fault = self.faults.strike(("laser",), Occasion.MOVE, self.clock.now_s())
+        jams = fault is not None and fault.kind == "stall"
+        self.laser.motor.turn(self.clock.now_ns(), direction, power, (*key, self.laser.runs[key]), jams=jams)
 
     def place(self) -> Key:
         """Exact positions and what is mounted: with the light it says which frame this is."""

@@ -21,6 +21,7 @@ _POWER = 7
 _POLL_LAG_S = 0.1  # between the count and the motor's answer to what follows from it
 _STANDING_POLLS = 3
 _MARGIN_S = 5.0
+_LEAST_TURN = 0.7  # of what the nominal speed promises: weak batteries and cold gears cost less
 
 
 class RcxLaser:
@@ -37,6 +38,7 @@ class RcxLaser:
         self._link: Link[bytes] = Link("laser", transport, rcx.PacketReader(), clock, echo=Echo())
         self._clock = clock
         self._toggle = False
+        self._started_s: float | None = None
 
     def open(self) -> None:
         """Find the RCX, switch motor and laser off, keep it awake, set up the rotation sensor where it is not yet."""
@@ -72,6 +74,19 @@ class RcxLaser:
         if not self._is_on(1):
             raise DeviceError("laser: its output does not read on after it was switched on. Check the RCX' batteries.")
         self._ask(rcx.motor_state(Motor.A, rcx.MOTOR_ON), "motor on")
+        self._started_s = self._clock.now_s()
+
+    def end_sweep(self) -> None:
+        """As `stop`; raises DeviceError where the motor did not turn as far as it should have by now."""
+        elapsed_s = 0.0 if self._started_s is None else self._clock.now_s() - self._started_s
+        self.stop()
+        promised = min(elapsed_s * self._config.ticks_per_s, self._config.sweep_ticks)
+        count = self._count()
+        if count < _LEAST_TURN * promised:
+            raise DeviceError(
+                f"laser: the motor turned by {count} counts in {elapsed_s:.1f} s where {promised:.0f} were to come. "
+                "Check batteries, gears and sensor."
+            )
 
     def stop(self) -> None:
         """Motor and laser off, confirmed by reading both outputs back. Raises DeviceError where one still reads on."""

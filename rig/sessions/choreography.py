@@ -108,7 +108,7 @@ class Choreography:
             return
         self._sleep(SHUTTER_LAG_S)
         if step.sweep:
-            self._laser().stop()
+            self._laser().end_sweep()
         if next_step is not None and leaves:
             self.leave_for(next_step)
 

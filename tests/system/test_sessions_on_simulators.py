@@ -85,7 +85,7 @@ def run(lab, session, on_event=lambda event: None):
 
 
 def whole(session):
-    return session.verify() == sum(len(step.cameras) for step in session.steps)
+    return session.verify() == sum(len(step.cameras) for step in session.steps if not step.test)
 
 
 def is_safe(lab):
@@ -98,7 +98,8 @@ def is_safe(lab):
 
 def taken(lab):
     """What the world knows of every exposure, by the frame's own id."""
-    lines = (lab.state / "truth" / "frames.jsonl").read_text().splitlines()
+    notes = lab.state / "truth" / "frames.jsonl"
+    lines = notes.read_text().splitlines() if notes.exists() else []
     return {frame["id"]: frame for frame in map(json.loads, lines)}
 
 
@@ -268,7 +269,14 @@ with open_rig(session.config) as rig:
 
 @pytest.mark.parametrize(
     ("how", "data"),
-    [("SIGKILL", BTF), ("SIGINT", BTF), ("SIGKILL", LAMPS), ("SIGINT", LAMPS), ("SIGKILL", SENSOR)],
+    [
+        ("SIGKILL", BTF),
+        ("SIGINT", BTF),
+        ("SIGKILL", MDF),
+        ("SIGKILL", LAMPS),
+        ("SIGINT", LAMPS),
+        ("SIGKILL", SENSOR),
+    ],
     ids=lambda value: value if isinstance(value, str) else value["kind"],
 )
 def test_a_process_that_dies_in_the_middle_is_taken_up_by_another(lab, new_session, how, data):
@@ -291,3 +299,118 @@ def test_a_process_that_dies_in_the_middle_is_taken_up_by_another(lab, new_sessi
     assert {step: session.journal.attempts(step) for step in attempts} == attempts
     assert whole(session)
     assert is_safe(lab)
+
+
+# ---- laser sweeps -------------------------------------------------------------------------------------------------
+
+ONE_SWEEP = {**MDF, "laser_elevations_deg": [50]}
+
+
+def at_step(lab, number, *faults):
+    """An event handler that injects these faults when the step of that number begins, once.
+
+    A fault's `frame` or `move` says the how-manieth of its device from then on is struck, `after_s` from when on.
+    """
+    begun = []
+
+    def inject(event):
+        if event.kind == "step":
+            begun.append(event.step)
+            for fault in faults if len(begun) == number else ():
+                lab.control("fault", **counted(lab, dict(fault)))
+
+    return inject
+
+
+def counted(lab, fault):
+    """The fault with its place in the device's own count, as the simulators want it."""
+    seen = lab.control("faults")["seen"].get(fault["device"], {})
+    for occasion in fault.keys() & {"frame", "move"}:
+        fault["at_message"] = seen.get(occasion, 0) + fault.pop(occasion)
+    if "after_s" in fault:
+        fault["at_time_s"] = lab.control("now")["time_s"] + fault.pop("after_s")
+    return fault
+
+
+def struck(lab):
+    return [fault["struck"] for fault in lab.control("faults")["faults"]]
+
+
+@pytest.mark.parametrize("kind", ["frozen", "no_frame", "wrong_camera"])
+def test_a_faulty_frame_in_the_middle_of_a_burst_is_taken_again(lab, new_session, kind):
+    """The whole burst: no other frame of it is trusted either."""
+    session = new_session(ONE_SWEEP)
+    fault = {"device": "cam4", "kind": kind, "frame": 12, "other": "cam7" if kind == "wrong_camera" else ""}
+    assert run(lab, session, at_step(lab, 1, fault)).state is State.FINISHED
+    assert struck(lab) == [1]
+    assert session.journal.attempts(session.steps[0].id) == 2
+    assert whole(session)
+    assert is_safe(lab)
+
+
+def test_a_laser_unit_on_a_bad_wire_still_sweeps(lab, new_session):
+    """Infrared in daylight: replies lost, late, doubled, cut and garbled while the stripe is on its way."""
+    session = new_session(ONE_SWEEP)
+    kinds = ("lose", "drop", "corrupt", "duplicate", "truncate", "delay")
+    faults = [{"device": "tower", "kind": kind, "probability": 0.15, "count": 2, "seconds": 0.05} for kind in kinds]
+    assert run(lab, session, at_step(lab, 1, *faults)).state is State.FINISHED
+    assert sum(struck(lab)) > 3
+    assert whole(session)
+    assert is_safe(lab)
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ({"device": "laser", "kind": "stall", "move": 1}, "laser: the count stands"),
+        ({"device": "laser", "kind": "stall", "move": 2}, "laser: the motor turned by"),
+        ({"device": "tower", "kind": "lose", "count": 10_000, "after_s": 18.0}, "laser"),  # 12 s back, then the sweep
+        ({"device": "cam4", "kind": "no_frame", "count": 10_000}, "cam4"),
+    ],
+    ids=["motor stops on its way back", "motor stops in the sweep", "no infrared replies", "camera stops"],
+)
+def test_a_sweep_that_cannot_be_completed_ends_safe_and_is_resumed(lab, new_session, fault, says):
+    """In the second of two sweeps; the first one stays as it was. Where nobody answers, the journal says so."""
+    session = new_session(MDF)
+    with pytest.raises(RigError, match=says):
+        run(lab, session, at_step(lab, 2, fault))
+    assert session.state is State.FAILED
+    assert session.done() == {session.steps[0].id}
+    assert session.verify() == 1
+    unconfirmed = " ".join(event.text for event in session.events() if event.kind == "unconfirmed")
+    assert ("laser: unconfirmed" in unconfirmed) == (fault["device"] == "tower")
+    assert lab.control("status")["laser"] == (fault["device"] == "tower")
+    assert is_safe(lab) or fault["device"] == "tower"
+    lab.control("clear_faults")
+    assert run(lab, session).state is State.FINISHED
+    assert session.journal.attempts(session.steps[0].id) == 1
+    assert whole(session)
+    assert is_safe(lab)
+
+
+def test_a_lamp_that_was_left_on_is_off_before_the_first_sweep(lab, new_session):
+    session = new_session(ONE_SWEEP)
+    before = len(taken(lab))
+    with open_rig(session.config) as rig:
+        rig.lamps.light({"lamp3": 1.0, "led": 0.5})
+        Runner(session, rig, lambda mount: lab.control("mount", **mount)).run()
+    assert not any(level for frame in list(taken(lab).values())[before:] for level in frame["lamps"].values())
+    assert whole(session)
+
+
+def test_a_test_sweep_under_faults_chooses_the_same_exposure(lab, new_session):
+    """Its burst is taken again like any other; what it finds does not depend on how often it was tried."""
+    untold = {key: value for key, value in ONE_SWEEP.items() if key != "exposure_s"}
+    faults = (
+        {"device": "cam4", "kind": "frozen", "frame": 5},
+        {"device": "tower", "kind": "drop", "count": 2},
+    )
+    exposures_s = []
+    for injected in ((), faults):
+        session = new_session(untold)
+        assert run(lab, session, at_step(lab, 1, *injected)).state is State.FINISHED
+        assert session.journal.attempts(session.steps[0].id) == 1 + bool(injected)
+        assert whole(session)
+        exposures_s.append(session.frames()[0].exposure_s)
+        assert is_safe(lab)
+    assert exposures_s[1] == pytest.approx(exposures_s[0], rel=0.05)

@@ -147,6 +147,26 @@ def test_after_a_sweep_the_motor_comes_back_to_the_start(laser, brick, clock):
     assert abs(brick.counts) < 2 * 0.1 * 39 + 4
 
 
+def test_a_sweep_that_turned_as_far_as_it_should_ends_dark(laser, brick, clock):
+    laser.start_sweep()
+    clock.sleep(laser.sweep_time_s())
+    laser.end_sweep()
+    assert not brick.is_on(MOTOR)
+    assert not brick.is_on(LASER)
+
+
+def test_a_motor_that_stands_during_a_sweep_is_told_after_all_is_off(laser, brick, clock):
+    laser.start_sweep()
+    clock.sleep(0.2 * laser.sweep_time_s())
+    brick.turn()
+    brick.stuck = True
+    clock.sleep(0.8 * laser.sweep_time_s())
+    with pytest.raises(DeviceError, match=r"turned by \d+ counts in 12\.\d s where 480 were to come"):
+        laser.end_sweep()
+    assert not brick.is_on(MOTOR)
+    assert not brick.is_on(LASER)
+
+
 def test_rewinding_at_the_start_moves_nothing(laser, brick):
     brick.executed.clear()
     laser.rewind()

@@ -218,6 +218,9 @@ class FakeLaser:
         self.world.command("laser stop")
         self.world.laser_on = False
 
+    def end_sweep(self):
+        self.stop()
+
     def sweep_time_s(self):
         return 0.5
 

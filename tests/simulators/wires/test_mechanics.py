@@ -117,3 +117,19 @@ def test_laser_motor_stands_where_it_was_stopped_and_at_its_stops():
     assert motor.ticks(90 * NS_PER_S) == -10.0
     motor.turn(90 * NS_PER_S, 0, 7, (2,))
     assert motor.ticks(91 * NS_PER_S) == -10.0
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_laser_motor_that_jams_stands_half_way_until_it_is_turned_again(direction):
+    motor = LaserMotor(40.0, (-20.0, 500.0))
+    start_ns = 0
+    if direction < 0:
+        motor.turn(0, 1, 7, ("there",))
+        start_ns = 60 * NS_PER_S
+    here = motor.ticks(start_ns)
+    motor.turn(start_ns, direction, 7, ("run",), jams=True)
+    half = (here + motor.stops[direction > 0]) / 2
+    assert motor.ticks(start_ns + 60 * NS_PER_S) == half
+    motor.turn(start_ns + 60 * NS_PER_S, 0, 7, ())
+    motor.turn(start_ns + 61 * NS_PER_S, direction, 7, ("again",))
+    assert motor.ticks(start_ns + 121 * NS_PER_S) == motor.stops[direction > 0]

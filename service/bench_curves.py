@@ -66,21 +66,18 @@ def _looks(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
 
 def _draw_panel(axes: Axes, rows: Sequence[Row], looks: Mapping[str, tuple[str, str]]) -> None:
     shown = [row for row in rows if (row.get("error") or 0) > 0]
-    values = [float(row["value"]) for row in rows]
     unit = f" in {rows[0]['unit']}" if "unit" in rows[0] else ""
     axes.set(xlabel=rows[0]["parameter"], ylabel=f"error{unit}", yscale="log")
-    if min(values) > 0 and max(values) > _WIDE * min(values):
-        axes.set_xscale("log")
-        axes.set_xticks(sorted(set(values)), [_short(value) for value in sorted(set(values))], fontsize=8)
-        axes.xaxis.set_minor_locator(NullLocator())
-    bounds = {float(row["value"]): float(row["bound"]) for row in rows if "bound" in row}
+    places = _places(axes, list(dict.fromkeys(row["value"] for row in rows)))
+    bounds = {places[row["value"]]: float(row["bound"]) for row in rows if "bound" in row}
     axes.plot(list(bounds), list(bounds.values()), "--", color="0.35", linewidth=1.3, zorder=5)
     ends = {"bound": (list(bounds)[-1], list(bounds.values())[-1])} if bounds else {}
     for method, look in looks.items():
         points = [row for row in shown if row["method"] == method]
         if points:
-            _draw_line(axes, points, *look)
-            ends[method] = (float(points[-1]["value"]), float(points[-1]["error"]))
+            line = [(places[row["value"]], float(row["error"])) for row in points]
+            _draw_line(axes, line, points, look)
+            ends[method] = line[-1]
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
@@ -90,12 +87,25 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], looks: Mapping[str, tuple[str, 
     _label(axes, ends, {"bound": "0.35"} | {method: colour for method, (colour, _) in looks.items()})
 
 
+def _places(axes: Axes, values: Sequence[float | str]) -> Mapping[float | str, float]:
+    """Where values stand on the axis: names side by side, numbers of one sign over decades by their logarithms."""
+    if any(isinstance(value, str) for value in values):
+        axes.set_xticks(range(len(values)), [str(value) for value in values])
+        return {value: float(place) for place, value in enumerate(values)}
+    places = {value: float(value) for value in values}
+    if min(places.values()) > 0 and max(places.values()) > _WIDE * min(places.values()):
+        axes.set_xscale("log")
+        axes.set_xticks(list(places.values()), [_short(place) for place in places.values()], fontsize=8)
+        axes.xaxis.set_minor_locator(NullLocator())
+    return places
+
+
 def _short(value: float) -> str:
     return f"{value:g}" if value < 1e3 else f"{value / 1e3:g}k"
 
 
-def _draw_line(axes: Axes, points: Sequence[Row], colour: str, style: str) -> None:
-    x, y = ([float(row[key]) for row in points] for key in ("value", "error"))
+def _draw_line(axes: Axes, line: Sequence[tuple[float, float]], points: Sequence[Row], look: tuple[str, str]) -> None:
+    (x, y), (colour, style) = zip(*line, strict=True), look
     if points[0].get("reference"):
         axes.plot(x, y, "-.", color=colour, linewidth=1.3, zorder=5)
         return

@@ -23,6 +23,7 @@ from tests.reference.stripe_cards import Camera, Card, range_bound_m
 SENSOR = Sensor(*(getattr(Camera(), name) for name in ("black_dn", "white_dn", "gain_e_per_dn", "read_noise_e")))
 SWEEP_M = 0.104
 SLOW_ROWS = 4  # of each card, for methods that take a millisecond per pixel
+SAMPLES = ("brick", "grass", "weave", "peanut", "pipe")
 RELIEF_STRIPE = {"small": (0.9, 1.0), "full": (0.9, 3.3)}  # sigma in frames, and in red pixels
 BEAM_M = (0.0008, 0.0010)  # Curless and Levoy's laser: from the middle to where e^-2 of its light is left
 
@@ -68,17 +69,22 @@ VARIATIONS = (
 
 
 def run(*, quick: bool) -> Result:
-    """All variations and one relief; quick with a third of the values, no relief at full resolution."""
+    """All variations and reliefs; quick with a third of the values, two reliefs, none at full resolution."""
     rows = []
     for number, variation in enumerate(VARIATIONS):
         for value in variation.quick if quick else variation.values:
             card = replace(variation.card(value), rows=48 if quick else 96)
             about = {"parameter": variation.name, "value": value, "unit": "µm", "bound": range_bound_m(card) * 1e6}
             rows += [about | row for row in compare(card, seed=number)]
-    gain, relief = relief_rows("small")
-    more = [] if quick else relief_rows("full")[1]
-    figures = {"gain_over_argmax": gain, "albedo_step_error_reduction": step_error_reduction(rows=96)}
-    return Result(figures, [*rows, *relief, *more])
+    reliefs = {sample: relief_rows(sample, "small") for sample in (SAMPLES[:2] if quick else SAMPLES)}
+    for sample, found in reliefs.items():
+        rows += [row | {"parameter": "whole sweep over a relief", "value": sample} for row in found]
+    reliefs = {"small brick": reliefs["brick"]} | ({} if quick else {"full brick": relief_rows("brick", "full")})
+    for size, found in reliefs.items():
+        rows += [row | {"size": size} for row in found if "reference" not in row]
+    error = {row["method"]: row["error"] for row in reliefs["small brick"]}
+    gain = error["argmax"] / error["ours"]
+    return Result({"gain_over_argmax": gain, "albedo_step_error_reduction": step_error_reduction(rows=96)}, rows)
 
 
 def compare(card: Card, seed: int) -> list[dict[str, object]]:
@@ -92,15 +98,8 @@ def compare(card: Card, seed: int) -> list[dict[str, object]]:
         found = method.find(shown, about)
         seconds = (time.perf_counter() - begun_s) * frames.shape[1] / shown.shape[1]
         rows.append(_row(method, seconds, _errors(card, found, method.in_space)))
-    return [*rows, stated(card, frames)]
-
-
-def stated(card: Card, frames: np.ndarray) -> dict[str, object]:
-    """A row with the standard deviations that ours gives its own times, as if they were errors."""
-    begun_s = time.perf_counter()
     deviation = np.sqrt(peak_times(frames, SENSOR).variance) * card.advance_m / np.tan(card.angle_rad)
-    method = Peer("ours says", lambda *_: deviation, "the root of the variance of each time")
-    return _row(method, time.perf_counter() - begun_s, deviation[:, card.looked_at]) | {"reference": True}
+    return [*rows, _stated(deviation[:, card.looked_at])]
 
 
 def _errors(card: Card, found: np.ndarray, in_space: bool) -> np.ndarray:
@@ -123,6 +122,12 @@ def _row(method: Peer, seconds: float, errors_m: np.ndarray) -> dict[str, object
     return row
 
 
+def _stated(deviation_m: np.ndarray) -> dict[str, object]:
+    """A row with the standard deviations that ours gives its own values, as if they were errors."""
+    said = Peer("ours says", lambda *_: deviation_m, "the root of each value's variance")
+    return _row(said, 0.0, deviation_m) | {"reference": True}
+
+
 def step_error_reduction(rows: int) -> float:
     """1 - ours / row centroid in RMS range error near a 10:1 step, for the beam width where it is least."""
     found = []
@@ -133,16 +138,16 @@ def step_error_reduction(rows: int) -> float:
     return float(min(found))
 
 
-def relief_rows(size: str) -> tuple[float, list[dict[str, object]]]:
-    """Gain over the highest sample, and a row for each method, on the pixels that ours measures.
+def relief_rows(sample: str, size: str) -> list[dict[str, object]]:
+    """A row for each method on one sweep, on the pixels that ours measures.
 
     All use the laser planes that ours calibrated, so that the rows differ by their times alone.
     """
-    relief = photograph(1, size=size)
+    relief = photograph(1, sample, size)
     sweep = relief.sweep
     ours = measure_sweep(sweep, HOLDER)
     wanted = np.isfinite(ours.image.displacement_m)
-    rows = []
+    rows = [_stated(np.sqrt(ours.image.variance_m2[wanted])) | {"unit": "µm"}]
     for method in (method for method in METHODS if not method.slow):
         begun_s = time.perf_counter()
         found = method.find(relief.red if method.in_space else sweep.frames, RELIEF_STRIPE[size])
@@ -153,9 +158,8 @@ def relief_rows(size: str) -> tuple[float, list[dict[str, object]]]:
             times = np.where(wanted, found, np.nan).astype(np.float32)
             image = range_image(replace(ours.peaks, time_frames=times), sweep.camera, np.eye(4), HOLDER, ours.laser)
             errors = (image.displacement_m - relief.displacement_m)[wanted]
-        rows.append(_row(method, seconds, errors) | {"size": f"{size} relief", "unit": "µm"})
-    error = {row["method"]: row["error"] for row in rows}
-    return error["argmax"] / error["ours"], rows
+        rows.append(_row(method, seconds, errors) | {"unit": "µm"})
+    return rows
 
 
 def _ours(name: str, settings: PulseSettings, said: str) -> Peer:

@@ -195,14 +195,23 @@ def merge(
 
 @app.command()
 def displacement(
-    source: Annotated[Path, typer.Argument(help="Folder of laser-line photographs, or the GIF of a sweep.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Depth picture to write (.png).")],
+    source: Annotated[
+        Path, typer.Argument(help="Folder of laser-line photographs, the GIF of a sweep, or the TOML of a scan.")
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Depth picture (.png) or point cloud (.ply, .glb); the other is beside.")
+    ],
 ) -> None:
-    """Run the laser analysis on real images: stripe, plane, and a depth picture."""
-    from service import measuring
+    """Measure range in laser images that another rig took: stripe, laser plane, depth picture and point cloud.
 
-    with reported_errors():
-        for line in measuring.measure_displacement(source, out):
+    A folder is photographs of the stripe on a chessboard with their MATLAB calibration; a GIF is a laser swept by hand
+    before two printed rectangles, with intrinsics.xml beside it; a TOML describes pictures of an object on a turntable
+    or a stage before a laser that stands. What each needs: docs/range-of-your-own-images.md
+    """
+    from service import ranging
+
+    with reported_errors(), ConsoleProgress() as progress:
+        for line in ranging.measure_displacement(source, out, lambda frames: progress.track(frames, source.stem)):
             tell(line)
 
 

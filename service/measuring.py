@@ -1,30 +1,23 @@
-"""Commands that work on files: merging photographs, laser images, benchmarks. Each yields the lines that it tells."""
+"""Commands that work on files: merging photographs, benchmarks. Each yields the lines that it tells."""
 
 import json
 from collections.abc import Iterator, Sequence
-from math import degrees
 from pathlib import Path
 
 import numpy as np
 
 from processing.errors import ImageError
-from processing.laser.depth_picture import depth_picture, write_point_cloud
-from processing.laser.hand_sweep import laser_sweep
-from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
 from processing.radiometry.bracket import MergedImage, PhotographExposures, balanced, merge_files, write_merged
 from processing.radiometry.exposure import TimesVerdict
 from processing.radiometry.hdr import PixelStatus
 from processing.radiometry.response_file import read_response
 from processing.radiometry.sensor_calibration import SensorCalibration
 from processing.radiometry.stack import DEFAULTS, MergedExposures, MergeOptions
-from render.picture import save_image
 from service import bench
 from service.bench_curves import draw_curves
 from service.bench_report import draw_report
 from service.files import replaced
-from service.pictures import check_still, save_stripes
 
-INTRINSICS = "intrinsics.xml"
 _EXPOSURE_NEWS = 0.02  # log exposure: smaller departures are not worth a line
 NOTICED = 0.01  # share of a picture that moved from which on it is told
 
@@ -110,50 +103,6 @@ def _about_frames(found: MergedExposures, names: Sequence[str]) -> Iterator[str]
             f"{read.read_ratio:.0%} of the samples were read; {read.saturated.mean():.0%} are saturated, "
             f"{read.outweighed.mean():.0%} tell less than the other exposures."
         )
-
-
-def measure_displacement(source: Path, out: Path) -> Iterator[str]:
-    """Laser analysis of a folder of stripe photographs, or of a sweep (.gif), with a picture in `out`.
-
-    Raises ImageError.
-    """
-    check_still(out)
-    if source.is_dir():
-        yield from _stripes(laser_chessboard(source), out)
-    elif source.suffix.lower() == ".gif":
-        yield from _sweep(source, out)
-    else:
-        raise ImageError(f"{source}: a folder of laser-line photographs or the .gif of a sweep is needed.")
-
-
-def _stripes(found: LaserChessboard, out: Path) -> Iterator[str]:
-    distances_m = found.points_m @ found.plane.normal - found.plane.offset_m
-    yield (
-        f"{len(found.stripes)} stripes, {len(found.points_m)} points; "
-        f"row residual {found.row_rms_px:.3f} px, plane residual {np.std(distances_m) * 1e3:.3f} mm"
-    )
-    if np.isfinite(found.published_angle_rad):
-        yield (
-            f"published plane: {degrees(found.published_angle_rad):.3f} deg and "
-            f"{found.published_distance_m * 1e3:.3f} mm away; our sigma {degrees(found.angle_deviation_rad):.3f} deg"
-        )
-    with replaced(out) as part:
-        save_stripes(part, found.stripes)
-    yield f"{out}: depth of the stripes"
-
-
-def _sweep(source: Path, out: Path) -> Iterator[str]:
-    found = laser_sweep(source, source.parent / INTRINSICS)
-    measured = np.isfinite(found.depth_m)
-    with replaced(out) as part:
-        save_image(part, depth_picture(found.depth_m))
-        write_point_cloud(part.with_suffix(".ply"), found.points_m, found.picture)
-    yield (
-        f"{measured.mean():.1%} of the pixels measured; wall {found.wall_rms_m * 1e3:.2f} mm and table "
-        f"{found.floor_rms_m * 1e3:.2f} mm from their planes, {degrees(found.corner_angle_rad):.2f} deg between them"
-    )
-    yield f"{out}: depth, near bright"
-    yield f"{out.with_suffix('.ply')}: point cloud"
 
 
 def benchmark(name: str, *, quick: bool, to: Path | None, as_json: bool, records: Path) -> Iterator[str]:

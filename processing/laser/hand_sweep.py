@@ -12,10 +12,10 @@ from xml.etree import ElementTree
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageSequence
 
 from processing import geometry
 from processing.errors import CalibrationError, ImageError
+from processing.formats.sequence import read_animation
 from processing.laser.plane_fit import Plane, fit_plane, plane_angle
 from processing.laser.ridge import stripe_ridge
 from processing.laser.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
@@ -70,6 +70,8 @@ def laser_sweep(gif: Path, intrinsics: Path) -> HandSweep:
     and CalibrationError where the intrinsics cannot be read.
     """
     frames = read_animation(gif)
+    if len(frames) < 10:
+        raise ImageError(f"{gif}: {len(frames)} frames; a sweep needs ten or more.")
     matrix, distortion = read_intrinsics(intrinsics, frames.shape[2] / CALIBRATED_WIDTH_PX)
     picture = np.median(frames, axis=0).astype(np.uint8)
     wall, floor = _references(picture, matrix, distortion, gif)
@@ -94,18 +96,6 @@ def laser_sweep(gif: Path, intrinsics: Path) -> HandSweep:
         _rms(floor.plane.distance(points[floor.mask])),
         plane_angle(wall.plane, floor.plane),
     )
-
-
-def read_animation(path: Path) -> NDArray[np.uint8]:
-    """All frames (t, h, w, 3) of an animated picture. Raises ImageError where it cannot be read or is too short."""
-    try:
-        with Image.open(path) as animation:
-            frames = [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(animation)]
-    except (OSError, SyntaxError, ValueError, EOFError, IndexError) as error:
-        raise ImageError(f"{path}: not a readable animation: {error}") from error
-    if len(frames) < 10:
-        raise ImageError(f"{path}: {len(frames)} frames; a sweep needs ten or more.")
-    return np.stack(frames)
 
 
 def read_intrinsics(path: Path, scale: float) -> tuple[Array, Array]:

@@ -43,7 +43,7 @@ class BoardStripe:
 
 @dataclass(frozen=True)
 class LaserChessboard:
-    """The laser's plane in the camera frame, and how well it is known.
+    """The laser's plane in the camera frame, the camera's matrix and distortion, and how well the plane is known.
 
     `row_rms_px` is the mean of the stripes' own.
     `angle_deviation_rad` and `distance_deviation_m` (at the points' centre) are one sigma by the jackknife over images:
@@ -58,6 +58,8 @@ class LaserChessboard:
     distance_deviation_m: float
     published_angle_rad: float
     published_distance_m: float
+    matrix: Array
+    distortion: Array
 
     @property
     def points_m(self) -> Array:
@@ -81,7 +83,11 @@ def laser_chessboard(folder: Path) -> LaserChessboard:
     deviation = _jackknife(stripes, plane) if len(stripes) > 2 else (np.nan, np.nan)
     published = _published(folder, stripes, plane)
     row_rms_px = float(np.mean([stripe.row_rms_px for stripe in stripes]))
-    return LaserChessboard(plane, stripes, row_rms_px, *deviation, *published)
+    return LaserChessboard(plane, stripes, row_rms_px, *deviation, *published, *_lens(calibration))
+
+
+def _lens(calibration: dict[str, Any]) -> tuple[Array, Array]:
+    return calibration["KK"].astype(np.float64), calibration["kc"].ravel().astype(np.float64)
 
 
 def _active(calibration: dict[str, Any]) -> list[int]:
@@ -98,7 +104,7 @@ def _board_stripe(folder: Path, calibration: dict[str, Any], number: int) -> Boa
         calibration[f"omc_{number}"].ravel(), calibration[f"Tc_{number}"].ravel() * 1e-3
     )
     corners_m = calibration[f"X_{number}"].T * 1e-3
-    matrix, distortion = calibration["KK"].astype(np.float64), calibration["kc"].ravel().astype(np.float64)
+    matrix, distortion = _lens(calibration)
     mask = _board_mask(corners_m, camera_from_board, matrix, distortion, rgb.shape[:2])
     ridge = stripe_ridge(redness(rgb), _SIGMA_PX, _THRESHOLD, mask)
     if len(ridge.uv_px) < 20:

@@ -17,21 +17,23 @@ _OWN_PIXEL = 0.6  # pixels from a ridge point to its pixel's centre: half, and w
 _TRUNCATE = 4.0  # sigmas that a filter reaches
 _APART = 3.0  # sigmas between ridges that are two: nearer ones melt into one
 _PARTS = 16  # of an image's rows, which the cores share
-_SIGMAS_PX = np.geomspace(0.8, 10.0, 12)
+_WORTH_SHARING = 4_000_000  # taps, times five: about four milliseconds
+_LINES = 40  # that tell the stripe's width
+_SIGMAS_PX = np.geomspace(0.8, 10.0, 9)
 
 
 @dataclass(frozen=True)
 class Ridge:
     """Points (n, 2) uv_px on the stripe's middle, one per scan line, with the ridge's strength (n,) in image units.
 
-    `rival` (n,) is the strength of the next strongest ridge on the same scan line, more than three sigma away; 0 where
-    there is none over the threshold. A reflection that nearly equals its stripe cannot be told from it.
+    `lines` (n,) are the scan lines' numbers. `rival` (n,) is the strength of the next strongest ridge on the same one,
+    more than three sigma away; 0 where there is none over the threshold: what nearly equals the stripe may be it.
     """
 
     uv_px: Array
     strength: Array
     rival: Array
-    sigma_px: float
+    lines: NDArray[np.intp]
 
     def deviation_px(self, noise: float) -> Array:
         """Standard deviation (n,) of the points across the stripe where pixels have independent noise of this size.
@@ -57,24 +59,20 @@ def stripe_ridge(
         raise ImageError(f"a grey image (h, w) and a mask of its shape are needed, not {np.shape(image)}.")
     wanted = np.ones(values.shape, np.bool_) if mask is None else mask
     if not wanted.any():
-        return Ridge(np.empty((0, 2)), np.empty(0), np.empty(0), sigma_px)
+        return Ridge(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, np.intp))
     filters = _filters(sigma_px)
     margin = filters.shape[1] - 1
     rows, columns = (_span(np.asarray(wanted.any(axis=axis))) for axis in (1, 0))
     part = _with_margin(values, rows, columns, margin)
     found = np.empty((rows.stop - rows.start, 4))
-    _ridge_rows(
-        part,
-        np.ascontiguousarray(wanted[rows, columns]),
-        filters,
-        sigma_px,
-        (threshold / sigma_px**2, _APART * sigma_px),
-        found,
-    )
+    # Waking the other cores takes longer than a small image does.
+    search = _ridge_rows if part.size * filters.shape[1] > _WORTH_SHARING else _some_rows
+    inner = np.ascontiguousarray(wanted[rows, columns])
+    search(part, inner, filters, sigma_px, (threshold / sigma_px**2, _APART * sigma_px), found)
     found[:, 2:] *= sigma_px**2
     kept = found[:, 2] > 0.0
     uv_px = found[kept, :2] + [columns.start, rows.start]
-    return Ridge(uv_px, found[kept, 2], found[kept, 3], sigma_px)
+    return Ridge(uv_px, found[kept, 2], found[kept, 3], np.flatnonzero(kept) + rows.start)
 
 
 def stripe_sigma(image: NDArray[np.floating]) -> float:
@@ -83,7 +81,7 @@ def stripe_sigma(image: NDArray[np.floating]) -> float:
     The response sigma^(3/2) |second derivative| of a Gaussian profile is largest where the filter's sigma is the
     profile's own (Lindeberg 1998, section 6). 0.8 to 10 px.
     """
-    step = max(np.shape(image)[0] // 64, 1)
+    step = max(np.shape(image)[0] // _LINES, 1)
     response = []
     for sigma_px in _SIGMAS_PX:
         mask = np.zeros(np.shape(image), np.bool_)
@@ -153,11 +151,13 @@ def _some_rows(
     threshold, apart = limits
     down, field, strength = np.empty((3, image.shape[1])), np.empty((5, width)), np.empty(width)
     for row in range(len(found)):
+        found[row] = 0.0
         first, last = _ends(wanted[row])
+        if first == last:
+            continue
         _derivatives(image[row : row + 2 * margin + 1], first, last, filters, down, field)
         _strengths(field[0], field[1], field[2], strength)
         best = _strongest(field, strength, wanted[row], (first, last), (threshold, sigma_px))
-        found[row] = 0.0
         if best >= 0:
             across, along = _offset(field, best, sigma_px)
             found[row, :3] = best + across, row + along, strength[best]

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from processing.errors import CalibrationError, ImageError
+from processing.formats.sequence import read_animation
 from processing.laser.depth_picture import depth_picture, write_point_cloud
-from processing.laser.hand_sweep import laser_sweep, read_animation, read_intrinsics
+from processing.laser.hand_sweep import laser_sweep, read_intrinsics
 from processing.laser.laser_chessboard import laser_chessboard
 from tests.public_data import DATA
 
@@ -82,7 +83,7 @@ def test_files_that_are_no_sweep_are_refused(tmp_path):
     still = tmp_path / "still.gif"
     Image.new("RGB", (32, 24)).save(still)
     with pytest.raises(ImageError, match="ten or more"):
-        read_animation(still)
+        laser_sweep(still, tmp_path / "intrinsics.xml")
     with pytest.raises(ImageError):
         read_animation(tmp_path / "absent.gif")
 

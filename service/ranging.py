@@ -1,0 +1,141 @@
+"""`rig displacement`: range of laser images that this rig did not take. Each source yields the lines that it tells."""
+
+from collections.abc import Callable, Iterable, Iterator
+from math import degrees
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.errors import ImageError
+from processing.laser.depth_picture import depth_picture, write_point_cloud
+from processing.laser.hand_sweep import laser_sweep
+from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
+from processing.laser.motion import Motion
+from processing.laser.profile_scan import Scan, ScanStatus, scan_profiles
+from processing.laser.scan_check import MotionCheck, check_motion, merged_points, pass_disagreement
+from render.picture import save_image
+from service.files import replaced
+from service.pictures import STILL, save_stripes
+from service.scan_file import open_scan
+
+INTRINSICS = "intrinsics.xml"
+CLOUDS = (".ply", ".glb")
+_SLIPPED = 20.0  # sigmas between two turns from which on noise is no excuse
+
+Track = Callable[[Iterable[int]], Iterable[int]]
+Colours = NDArray[np.uint8]
+
+
+def measure_displacement(source: Path, out: Path, track: Track = lambda items: items) -> Iterator[str]:
+    """Range of a folder of stripe photographs, a hand-swept animation or a described scan (.toml).
+
+    `out` is the depth picture or the point cloud; the other one lies beside it, a cloud as PLY. `track` passes frame
+    numbers on, for a progress bar. Nothing is written where something is wrong. Raises ImageError, CalibrationError,
+    ConfigError.
+    """
+    if out.suffix.lower() not in (*STILL, *CLOUDS):
+        raise ImageError(f"{out}: a picture is one of {', '.join(STILL)}, a point cloud one of {', '.join(CLOUDS)}.")
+    kind = source.suffix.lower()
+    if source.is_dir():
+        yield from _stripes(laser_chessboard(source), out)
+    elif kind == ".gif":
+        yield from _sweep(source, out)
+    elif kind == ".toml":
+        yield from _scan(source, out, track)
+    else:
+        raise ImageError(
+            f"{source}: a folder of laser-line photographs, the .gif of a sweep or the .toml of a scan is needed."
+        )
+
+
+def _stripes(found: LaserChessboard, out: Path) -> Iterator[str]:
+    distances_m, normal = found.plane.distance(found.points_m), found.plane.normal
+    yield (
+        f"{len(found.stripes)} stripes, {len(found.points_m)} points; "
+        f"row residual {found.row_rms_px:.3f} px, plane residual {np.std(distances_m) * 1e3:.3f} mm"
+    )
+    yield (
+        f"laser plane: normal = [{normal[0]:.6f}, {normal[1]:.6f}, {normal[2]:.6f}], "
+        f"offset_mm = {found.plane.offset_m * 1e3:.4f}, to {degrees(found.angle_deviation_rad):.3f} deg and "
+        f"{found.distance_deviation_m * 1e3:.3f} mm (one sigma)"
+    )
+    if np.isfinite(found.published_angle_rad):
+        yield (
+            f"published plane: {degrees(found.published_angle_rad):.3f} deg and "
+            f"{found.published_distance_m * 1e3:.3f} mm away"
+        )
+    shade = depth_picture(found.points_m[None, :, 2])[0]
+    yield from _write(out, lambda path: save_stripes(path, found.stripes), found.points_m, shade)
+
+
+def _sweep(source: Path, out: Path) -> Iterator[str]:
+    found = laser_sweep(source, source.parent / INTRINSICS)
+    measured = np.isfinite(found.depth_m)
+    yield (
+        f"{measured.mean():.1%} of the pixels measured; wall {found.wall_rms_m * 1e3:.2f} mm and table "
+        f"{found.floor_rms_m * 1e3:.2f} mm from their planes, {degrees(found.corner_angle_rad):.2f} deg between them"
+    )
+    picture = depth_picture(found.depth_m)
+    yield from _write(out, lambda path: save_image(path, picture), found.points_m, found.picture)
+
+
+def _scan(source: Path, out: Path, track: Track) -> Iterator[str]:
+    opened = open_scan(source)
+    scan = scan_profiles(opened.frames, opened.setup, opened.backgrounds, track)
+    yield from _about_scan(scan)
+    yield from _about_turns(scan, opened.setup.motion)
+    yield _about_motion(check_motion(opened.frames, scan, opened.setup))
+    depth_m = opened.setup.motion.depth(scan.points_m)
+    picture = depth_picture(depth_m.T if opened.setup.upright else depth_m)
+    yield from _write(out, lambda path: save_image(path, picture), *merged_points(scan))
+
+
+def _about_scan(scan: Scan) -> Iterator[str]:
+    measured = scan.status == ScanStatus.MEASURED
+    others = {
+        "no stripe": ScanStatus.NO_STRIPE,
+        "two stripes": ScanStatus.TWO_STRIPES,
+        "out of range": ScanStatus.OUT_OF_RANGE,
+        "isolated": ScanStatus.ISOLATED,
+    }
+    told = ", ".join(f"{scan.count(status)} {name}" for name, status in others.items())
+    blind = int(np.count_nonzero(~measured.any(axis=1)))
+    yield (
+        f"{len(measured)} frames, {measured.sum()} points, {measured.mean():.1%} of the scan lines; {told}; "
+        f"{blind} frames measure nothing"
+    )
+    if measured.any():
+        yield (
+            f"stripe of sigma {scan.stripe.sigma_px:.2f} px; noise moves a point by "
+            f"{np.median(scan.deviation_m[measured]) * 1e3:.3f} mm (median of one sigma)"
+        )
+
+
+def _about_turns(scan: Scan, motion: Motion) -> Iterator[str]:
+    apart_m = pass_disagreement(scan, motion)
+    if np.isfinite(apart_m):
+        much = apart_m > _SLIPPED * float(np.nanmedian(scan.deviation_m))
+        yield f"later turns lie {apart_m * 1e3:.3f} mm from the first" + (
+            ": more than noise explains. Is step_deg right, and did the object stay in its place?" if much else ""
+        )
+
+
+def _about_motion(check: MotionCheck) -> str:
+    told = f"correlation {check.stated:.2f}, the other way {check.reversed:.2f}"
+    if check.contradicted:
+        return f"WARNING: the object's pattern moves the other way ({told}). The step's sign is wrong."
+    if check.confirmed:
+        return f"the object's pattern moves as stated ({told})"
+    return "no pattern of the object could be followed from frame to frame: the direction of motion is not checked"
+
+
+def _write(out: Path, draw: Callable[[Path], None], points_m: NDArray[np.float64], colours: Colours) -> Iterator[str]:
+    """Picture and cloud, both or none."""
+    cloud_first = out.suffix.lower() in CLOUDS
+    picture, cloud = (".png", out.suffix) if cloud_first else (out.suffix, ".ply")
+    with replaced(out) as part:
+        draw(part.with_suffix(picture))
+        written = write_point_cloud(part.with_suffix(cloud), points_m, colours)
+    yield f"{out.with_suffix(picture)}: depth"
+    yield f"{out.with_suffix(cloud)}: point cloud of {written} points, metres"

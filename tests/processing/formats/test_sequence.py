@@ -1,0 +1,78 @@
+"""Folders of pictures and animations, as other people leave them."""
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from processing.errors import ImageError
+from processing.formats.sequence import read_picture, read_sequence
+
+RNG = np.random.default_rng(0)
+GREY, COLOUR = RNG.integers(0, 256, (6, 8)), RNG.integers(0, 256, (6, 8, 3))
+
+
+def test_names_are_sorted_as_people_count(tmp_path):
+    for number in (10, 9, 1, 2):
+        Image.fromarray(np.full((4, 5), number, np.uint8)).save(tmp_path / f"frame{number}.png")
+    (tmp_path / "notes.txt").write_text("no picture")
+    frames = read_sequence(tmp_path)
+    assert [int(frame[0, 0]) for frame in frames] == [1, 2, 9, 10]
+    assert [int(frame[0, 0]) for frame in frames[1:3]] == [2, 9]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".bmp"])
+@pytest.mark.parametrize("content", [GREY, COLOUR], ids=["grey", "colour"])
+@pytest.mark.parametrize("bits", [8, 16])
+def test_pictures_are_read_as_they_are_stored(tmp_path, suffix, content, bits):
+    if suffix == ".bmp" and bits == 16:
+        pytest.skip("BMP has 8 bits")
+    stored = (content * (1 if bits == 8 else 257)).astype(np.uint8 if bits == 8 else np.uint16)
+    path = tmp_path / f"picture{suffix}"
+    assert cv2.imwrite(str(path), stored[..., ::-1] if stored.ndim == 3 else stored)
+    read = read_picture(path)
+    assert read.dtype == stored.dtype
+    np.testing.assert_array_equal(read, stored)
+
+
+def test_animations_are_sequences(tmp_path):
+    frames = [Image.fromarray(np.full((6, 8), 40 * k, np.uint8)) for k in range(1, 5)]
+    frames[0].save(tmp_path / "turn.gif", save_all=True, append_images=frames[1:])
+    read = read_sequence(tmp_path / "turn.gif")
+    assert [frame.shape for frame in read] == [(6, 8, 3)] * 4
+    assert [int(frame[0, 0, 0]) for frame in read] == [40, 80, 120, 160]
+
+
+def test_what_is_no_sequence_is_refused(tmp_path):
+    with pytest.raises(ImageError, match="no picture in it"):
+        read_sequence(tmp_path)
+    with pytest.raises(ImageError, match="neither a folder"):
+        read_sequence(tmp_path / "absent")
+    Image.new("L", (8, 6)).save(tmp_path / "a.png")
+    Image.new("L", (6, 8)).save(tmp_path / "b.png")
+    with pytest.raises(ImageError, match=r"b\.png: 6 x 8 pixels, but 8 x 6 in a\.png"):
+        read_sequence(tmp_path)
+    (tmp_path / "b.png").write_text("no picture")
+    with pytest.raises(ImageError, match=r"b\.png"):
+        read_sequence(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
+@pytest.mark.parametrize("damage", ["truncated", "text", "empty", "absent"])
+def test_damaged_pictures_are_named(tmp_path, suffix, damage):
+    path = tmp_path / f"picture{suffix}"
+    Image.fromarray(RNG.integers(0, 256, (64, 64, 3)).astype(np.uint8)).save(path)
+    if damage == "truncated":
+        path.write_bytes(path.read_bytes()[:700])
+    elif damage == "absent":
+        path.unlink()
+    else:
+        path.write_text("not a picture" if damage == "text" else "")
+    with pytest.raises(ImageError, match="picture"):
+        read_picture(path)
+
+
+def test_pictures_without_counts_are_refused(tmp_path):
+    Image.fromarray(np.ones((4, 5), np.float32)).save(tmp_path / "float.tif")
+    with pytest.raises(ImageError, match="8 or 16 bits"):
+        read_picture(tmp_path / "float.tif")

@@ -1,0 +1,132 @@
+"""`rig displacement` on a described scan: what it writes, what it tells, what it refuses."""
+
+import re
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from processing.errors import ImageError
+from rig.errors import ConfigError
+from service.ranging import measure_displacement
+from service.scan_file import open_scan
+from tests.reference.profile_rig import MATRIX, TURN, Ball, laser_plane, setup, take_all
+
+TABLES = f"""
+[camera]
+matrix = {MATRIX.tolist()}
+distortion = [-0.1, 0.03, 0, 0, 0]
+[laser_plane]
+normal = {(laser_plane().normal * 2).tolist()}
+offset_mm = {laser_plane().offset_m * 2e3}
+"""
+TURNTABLE = """
+[turntable]
+axis_point_mm = [0, 0, 400]
+axis_direction = [0, -3, 0]
+step_deg = 6
+"""
+HEAD = 'images = "frames"\n'
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    """A described scan of a ball, twelve pictures."""
+    folder = tmp_path_factory.mktemp("ball")
+    (folder / "frames").mkdir()
+    for number, frame in enumerate(take_all(setup(), Ball(), 12)):
+        Image.fromarray(frame).save(folder / "frames" / f"{number}.png")
+    (folder / "scan.toml").write_text(HEAD + TABLES + TURNTABLE)
+    return folder
+
+
+def test_file_is_the_setup(ball):
+    """Millimetres, degrees and vectors of any length become metres, radians and unit vectors."""
+    made, meant = open_scan(ball / "scan.toml").setup, setup()
+    np.testing.assert_allclose(made.matrix, meant.matrix)
+    np.testing.assert_allclose(made.plane.normal, meant.plane.normal)
+    assert made.plane.offset_m == pytest.approx(meant.plane.offset_m)
+    assert made.motion.step_rad == pytest.approx(TURN.step_rad)
+    for frame in (0, 3.5):
+        np.testing.assert_allclose(
+            made.motion.camera_from_object(frame), meant.motion.camera_from_object(frame), atol=1e-12
+        )
+
+
+@pytest.mark.parametrize(("out", "cloud"), [("ball.ply", ".ply"), ("ball.glb", ".glb"), ("ball.png", ".ply")])
+def test_clouds_are_read_by_others(ball, tmp_path, out, cloud):
+    """trimesh opens the cloud again: the ball's points with its grey colours; a picture lies beside."""
+    numbers = []
+    lines = list(measure_displacement(ball / "scan.toml", tmp_path / out, lambda items: numbers.append(items) or items))
+    assert numbers == [range(12)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted({"ball.png", f"ball{cloud}"})
+    loaded = trimesh.load(tmp_path / f"ball{cloud}")
+    points = loaded.geometry[next(iter(loaded.geometry))] if isinstance(loaded, trimesh.Scene) else loaded
+    assert np.median(np.abs(Ball().distance(np.asarray(points.vertices)))) < 0.12e-3
+    assert np.median(np.ptp(np.asarray(points.colors)[:, :3].astype(int), axis=1)) <= 4
+    with Image.open(tmp_path / "ball.png") as picture:
+        assert picture.size == (12, 176)
+    told = "\n".join(lines)
+    assert f"point cloud of {len(points.vertices)} points" in told
+    assert re.search(r"12 frames, \d+ points, .* 0 frames measure nothing", told)
+    assert "moves as stated" in told
+
+
+def test_a_wrong_sign_is_told(ball, tmp_path):
+    text = (ball / "scan.toml").read_text().replace("step_deg = 6", "step_deg = -6")
+    (ball / "wrong.toml").write_text(text)
+    lines = list(measure_displacement(ball / "wrong.toml", tmp_path / "ball.ply"))
+    assert any(line.startswith("WARNING") and "sign" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "images: Field required"),
+        ("images = ", "not TOML"),
+        (HEAD + TABLES, "turntable"),
+        (HEAD + TABLES + TURNTABLE + "[stage]\ndirection = [1, 0, 0]\nstep_mm = 1", "one only"),
+        (HEAD + TURNTABLE, "camera"),
+        (HEAD + 'stripes = "boards"' + TABLES + TURNTABLE, "stripes"),
+        (HEAD + TABLES + TURNTABLE.replace("6", "0"), "step_deg: .*must not be 0"),
+        (HEAD + TABLES + TURNTABLE.replace("-3", "0"), "axis_direction: .*a direction has a length"),
+        (HEAD + TABLES + TURNTABLE.replace("0, -3, 0", "0, 0, 1"), "goes through the camera"),
+        (HEAD + TABLES.replace("800.0, 0.0", "800.0, 0.5") + TURNTABLE, "camera: .*a camera matrix is"),
+        (HEAD + TABLES.replace("-0.1, 0.03", "nan, 0.03") + TURNTABLE, "distortion.0: .*finite"),
+        (HEAD + 'laser = "ultraviolet"' + TABLES + TURNTABLE, "laser: .*'red', 'green', 'blue' or 'grey'"),
+        (HEAD + "depth_mm = [500, 300]" + TABLES + TURNTABLE, "from near to far"),
+        (HEAD + "colour = 3" + TABLES + TURNTABLE, "colour: Extra inputs"),
+    ],
+)
+def test_wrong_descriptions_name_the_field(ball, tmp_path, text, said):
+    (ball / "bad.toml").write_text(text)
+    with pytest.raises(ConfigError, match=f"bad.toml: .*{said}"):
+        list(measure_displacement(ball / "bad.toml", tmp_path / "out.ply"))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (('"frames"', '"nowhere"'), "nowhere: neither a folder"),
+        (('"frames"', '"frames"\nbackground = "empty.png"'), "empty.png"),
+        (('"frames"', '"frames"\nlaser = "blue"'), "no stripe"),
+        (("107.5", "1107.5"), "calibrated at another size"),
+        (('"frames"', '"frames"\ndepth_mm = [1, 2]'), "no measured point"),
+    ],
+)
+def test_pictures_that_do_not_fit_are_refused(ball, tmp_path, changes, said):
+    (ball / "bad.toml").write_text((ball / "scan.toml").read_text().replace(*changes))
+    with pytest.raises(ImageError, match=said):
+        list(measure_displacement(ball / "bad.toml", tmp_path / "out.glb"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_absent_and_unknown_files_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        list(measure_displacement(tmp_path / "absent.toml", tmp_path / "a.png"))
+    with pytest.raises(ImageError, match=r"the \.toml of a scan"):
+        list(measure_displacement(tmp_path / "absent.mp4", tmp_path / "a.png"))
+    with pytest.raises(ImageError, match=r"a point cloud one of \.ply, \.glb"):
+        list(measure_displacement(tmp_path / "absent.toml", tmp_path / "a.stl"))

@@ -16,10 +16,12 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 from service.bench_report import spread
 
 Row = Mapping[str, Any]
+_Point = tuple[float, float]
 _COLUMNS, _PANEL_IN = 3, (5.4, 3.5)
 # Told apart by all kinds of colour vision (Okabe and Ito 2008), but for black, which is ours.
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _OURS = ("#000000", "#777777", "#AAAAAA")
+_BOUND = "0.35"
 _WIDE = 8.0  # largest over smallest value from which an axis is logarithmic
 _ALL = 0.9  # share of values measured under which a point is hollow
 
@@ -69,22 +71,32 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], looks: Mapping[str, tuple[str, 
     unit = f" in {rows[0]['unit']}" if "unit" in rows[0] else ""
     axes.set(xlabel=rows[0]["parameter"], ylabel=f"error{unit}", yscale="log")
     places = _places(axes, list(dict.fromkeys(row["value"] for row in rows)))
-    bounds = {places[row["value"]]: float(row["bound"]) for row in rows if "bound" in row}
-    axes.plot(list(bounds), list(bounds.values()), "--", color="0.35", linewidth=1.3, zorder=5)
-    ends = {"bound": (list(bounds)[-1], list(bounds.values())[-1])} if bounds else {}
+    ends = [("bound", bound[-1], _BOUND) for bound in _draw_bounds(axes, rows, places)]
     for method, look in looks.items():
         points = [row for row in shown if row["method"] == method]
         if points:
             line = [(places[row["value"]], float(row["error"])) for row in points]
             _draw_line(axes, line, points, look)
-            ends[method] = line[-1]
+            ends.append((method, line[-1], look[0]))
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(0.03, 0.06)
-    _label(axes, ends, {"bound": "0.35"} | {method: colour for method, (colour, _) in looks.items()})
+    _label(axes, ends)
+
+
+def _draw_bounds(axes: Axes, rows: Sequence[Row], places: Mapping[float | str, float]) -> set[tuple[_Point, ...]]:
+    """The lines of what the rows say is the bound; methods on the same input share one."""
+    told: dict[str, list[_Point]] = {}
+    for row in rows:
+        if "bound" in row:
+            told.setdefault(str(row["method"]), []).append((places[row["value"]], float(row["bound"])))
+    lines = {tuple(points) for points in told.values()}
+    for line in lines:
+        axes.plot(*zip(*line, strict=True), "--", color=_BOUND, linewidth=1.3, zorder=5)
+    return lines
 
 
 def _places(axes: Axes, values: Sequence[float | str]) -> Mapping[float | str, float]:
@@ -104,7 +116,7 @@ def _short(value: float) -> str:
     return f"{value:g}" if value < 1e3 else f"{value / 1e3:g}k"
 
 
-def _draw_line(axes: Axes, line: Sequence[tuple[float, float]], points: Sequence[Row], look: tuple[str, str]) -> None:
+def _draw_line(axes: Axes, line: Sequence[_Point], points: Sequence[Row], look: tuple[str, str]) -> None:
     (x, y), (colour, style) = zip(*line, strict=True), look
     if points[0].get("reference"):
         axes.plot(x, y, "-.", color=colour, linewidth=1.3, zorder=5)
@@ -115,14 +127,14 @@ def _draw_line(axes: Axes, line: Sequence[tuple[float, float]], points: Sequence
     axes.scatter(x, y, s=16 if peer else 26, c=faces, edgecolors=colour, zorder=4 if peer else 5)
 
 
-def _label(axes: Axes, ends: Mapping[str, tuple[float, float]], colours: Mapping[str, str]) -> None:
-    """Names in a column at the right, in the order of the lines' ends, each joined to its own."""
-    names = sorted(ends, key=lambda name: ends[name][1])
+def _label(axes: Axes, ends: Sequence[tuple[str, _Point, str]]) -> None:
+    """Names in a column at the right, in the order of the lines' ends, each in its colour and joined to its own."""
+    ordered = sorted(ends, key=lambda end: end[1][1])
     to_axes = (axes.transScale + axes.transLimits).transform
-    wanted = np.array([to_axes(ends[name])[1] for name in names])
-    for name, place in zip(names, spread(wanted, 0.075), strict=True):
+    wanted = np.array([to_axes(point)[1] for _, point, _ in ordered])
+    for (name, point, colour), place in zip(ordered, spread(wanted, 0.075), strict=True):
         axes.annotate(
-            name, ends[name], xytext=(1.05, place), textcoords="axes fraction", va="center", fontsize=8,
-            color=colours[name], annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": colours[name], "linewidth": 0.5, "relpos": (0, 0.5), "shrinkB": 3},
+            name, point, xytext=(1.05, place), textcoords="axes fraction", va="center", fontsize=8, color=colour,
+            annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5, "relpos": (0, 0.5), "shrinkB": 3},
         )  # fmt: skip

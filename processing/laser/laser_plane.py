@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
@@ -211,7 +212,7 @@ class _Problem:
         return solution, covariance, weights
 
     def local_excess(self, solution: Array) -> Array:
-        """`excess` in every piece of the spline, or what the piece's precise points scatter by, where that is larger.
+        """`excess` in every piece of the spline, or what its or its neighbours' precise points scatter by, if larger.
 
         A frame that was lost, doubled or late makes the times around it wrong, for the sample as for the holder.
         """
@@ -228,7 +229,7 @@ class _Problem:
             scatter = bulk_deviation(ratio[precise])
             if precise.size >= _FEWEST and scatter > 1.0 + _BEYOND_DOUBT / np.sqrt(precise.size):
                 local[k] = np.hypot(scatter * self.excess, np.sqrt((scatter**2 - 1.0) * np.median(noise[precise])))
-        return local
+        return np.asarray(sliding_window_view(np.pad(local, 1, mode="edge"), 3).max(axis=1))
 
     def _residuals(self, solution: Array) -> Array:
         """Angles (2, n): every point's less the plane's at its time, and the plane's speed then."""

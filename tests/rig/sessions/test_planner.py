@@ -310,7 +310,8 @@ def test_examples_use_only_what_their_comments_count(path):
     camera = CONFIG.cameras["cam1"].model_dump()
     lamps = {f"lamp{i}": {**lamp, "channel": i + 1} for i in range(8)} | {"led": CONFIG.lamps.lamp["led"].model_dump()}
     cameras = {f"cam{i}": camera for i in range(8)} | {"front": CONFIG.cameras["front"].model_dump()}
-    whole = config(lamps={"port": "/fake/dmx", "lamp": lamps}, cameras=cameras)
+    laser = {**CONFIG.laser.model_dump(), "elevations_deg": [20, 35, 50, 65, 75]}
+    whole = config(lamps={"port": "/fake/dmx", "lamp": lamps}, cameras=cameras, laser=laser)
     laid_out = schedule(plan, whole)
     assert len(laid_out.steps) == counted
     assert laid_out.skipped == ()

@@ -19,7 +19,15 @@ class Triangles:
         return float(self.crossings(start, way).min(initial=np.inf))
 
     def crossings(self, start: np.ndarray, way: np.ndarray) -> np.ndarray:
-        """Shares of the way at which it meets triangles (Moller and Trumbore 1997)."""
+        """Shares of the way at which it meets triangles, in order."""
+        return self._met(start, way)[0]
+
+    def nesting(self, start: np.ndarray, way: np.ndarray) -> int:
+        """Of how many bodies at once the way is inside at most, when it starts outside all."""
+        return int(np.cumsum(np.sign(self._met(start, way)[1])).max(initial=0))
+
+    def _met(self, start: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shares in order, and for each a number above 0 where the way goes in (Moller and Trumbore 1997)."""
         origin, second, third = np.moveaxis(self._near(start, way), 1, 0)
         edge1, edge2, offset = second - origin, third - origin, start - origin
         side, across = np.cross(way, edge2), np.cross(offset, edge1)
@@ -27,7 +35,9 @@ class Triangles:
         parallel = scale == 0
         scale[parallel] = 1.0
         u, v, share = (offset * side).sum(axis=1) / scale, across @ way / scale, (edge2 * across).sum(axis=1) / scale
-        return share[~parallel & (u >= 0) & (v >= 0) & (u + v <= 1) & (share >= 0) & (share <= 1)]
+        met = np.flatnonzero(~parallel & (u >= 0) & (v >= 0) & (u + v <= 1) & (share >= 0) & (share <= 1))
+        order = met[np.argsort(share[met])]
+        return share[order], scale[order]
 
     def _near(self, start: np.ndarray, way: np.ndarray) -> np.ndarray:
         low, high = np.minimum(start, start + way), np.maximum(start, start + way)

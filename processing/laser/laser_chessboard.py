@@ -30,7 +30,7 @@ _CURVATURE_PX = 8.0  # by which lens distortion may bend the stripe away from a 
 
 @dataclass(frozen=True)
 class BoardStripe:
-    """The stripe on one board: image points (n, 2), 3D points (n, 3) in the camera frame, metres.
+    """The stripe on one board: image points (n, 2), 3D points (n, 3) on the board's plane in the camera frame, metres.
 
     `row_rms_px` is the RMS distance of the image points from a robust quadratic along the stripe.
     """
@@ -38,6 +38,7 @@ class BoardStripe:
     image: str
     uv_px: Array
     points_m: Array
+    board: Plane
     row_rms_px: float
 
 
@@ -110,10 +111,10 @@ def _board_stripe(folder: Path, calibration: dict[str, Any], number: int) -> Boa
     if len(ridge.uv_px) < 20:
         return None
     uv_px = ridge.uv_px[stripe_line(ridge.uv_px, _CURVATURE_PX).inliers]
-    residual, good = _bend_residual(uv_px)
+    residual, good = bend_residual(uv_px)
     rays = geometry.pixel_rays(uv_px[good], matrix, distortion, np.eye(4))
-    points = Plane.of_board(camera_from_board).cut(rays)
-    return BoardStripe(name, uv_px[good], points, float(np.sqrt(np.mean(residual[good] ** 2))))
+    board = Plane.of_board(camera_from_board)
+    return BoardStripe(name, uv_px[good], board.cut(rays), board, float(np.sqrt(np.mean(residual[good] ** 2))))
 
 
 def _board_mask(
@@ -132,7 +133,7 @@ def _board_mask(
     return mask.astype(bool)
 
 
-def _bend_residual(uv_px: Array) -> tuple[Array, NDArray[np.bool_]]:
+def bend_residual(uv_px: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Distance (n,) of points along a stripe from a robust quadratic in the row, and which of them follow it."""
     row = (uv_px[:, 1] - uv_px[:, 1].mean()) / max(float(np.ptp(uv_px[:, 1])), 1.0)
     design = np.stack([np.ones_like(row), row, row**2], axis=1)

@@ -14,6 +14,7 @@ from processing.formats.sequence import read_animation
 from processing.laser.depth_picture import depth_picture, write_point_cloud
 from processing.laser.hand_sweep import laser_sweep, read_intrinsics
 from processing.laser.laser_chessboard import laser_chessboard
+from tests.benchmarks.lasers import real
 from tests.public_data import DATA
 
 CHESSBOARD, SWEEP = DATA / "laser-chessboard", DATA / "laser-sweep"
@@ -31,6 +32,28 @@ def test_chessboard_laser_is_the_published_plane():
     assert result.published_angle_rad < np.radians(0.5)
     assert abs(result.published_distance_m) < 1e-3
     assert result.angle_deviation_rad < np.radians(0.1)
+
+
+@with_chessboard
+def test_ours_leaves_less_over_than_others_on_the_same_stripes():
+    """In pixels about the stripe and in millimetres about the plane, which also predicts images that did not make it."""
+    result = real.run(quick=True)
+    assert result.figures["real_stripe_residual_px"] < 0.11
+    assert result.figures["real_plane_residual_mm"] < 0.15
+    ours, *peers = [row for row in result.rows if "method" in row and "missing" not in row]
+    assert len(peers) == len(real.PEERS)
+    for peer in peers:
+        assert peer["error"] > 1.3 * ours["error"], peer["method"]
+        assert peer["plane_rms_mm"] > ours["plane_rms_mm"], peer["method"]
+    predicted = next(row for row in result.rows if str(row.get("check")).startswith("plane of the other"))
+    assert predicted["value"] < 0.2
+
+
+def test_absent_data_are_told_by_the_benchmark(monkeypatch, tmp_path):
+    monkeypatch.setattr(real, "DATA", tmp_path)
+    result = real.run(quick=True)
+    assert not result.figures
+    assert all("not here" in row["missing"] for row in result.rows)
 
 
 @with_chessboard

@@ -135,6 +135,16 @@ def test_at_an_edge_of_reflectance_space_fails_and_time_does_not():
     assert rows["ours"] < 0.1 * min(rows["row centroid"], rows["row ridge"])
 
 
+def test_over_a_plate_space_is_as_good_as_time_over_a_relief_it_is_not():
+    """So the row methods' geometry is right: a fifth of a pixel is 100 um. They see one surface, not many."""
+    plate, relief = ({row["method"]: row for row in steps.relief_rows(s, "small")} for s in ("white", "brick"))
+    assert max(plate["row centroid"]["error"], plate["row ridge"]["error"]) < 100
+    assert plate["ours"]["error"] < 2 * plate["ours says"]["error"]
+    assert relief["ours"]["error"] < min(relief["row centroid"]["error"], relief["row ridge"]["error"]) / 4
+    assert relief["ours"]["error"] < 1.3 * relief["ours says"]["error"]
+    assert relief["ours"]["error"] < relief["argmax"]["error"] / 4
+
+
 def test_rows_are_json_with_sorted_errors():
     card = Card(rows=8, echo=0.8)  # ours measures nothing here
     rows = json.loads(json.dumps(steps.compare(card, seed=1)))

@@ -23,7 +23,7 @@ from tests.reference.stripe_cards import Camera, Card, range_bound_m
 SENSOR = Sensor(*(getattr(Camera(), name) for name in ("black_dn", "white_dn", "gain_e_per_dn", "read_noise_e")))
 SWEEP_M = 0.104
 SLOW_ROWS = 4  # of each card, for methods that take a millisecond per pixel
-SAMPLES = ("brick", "grass", "weave", "peanut", "pipe")
+SAMPLES = ("white", "pipe", "brick", "weave", "peanut", "grass")  # ever rougher
 RELIEF_STRIPE = {"small": (0.9, 1.0), "full": (0.9, 3.3)}  # sigma in frames, and in red pixels
 BEAM_M = (0.0008, 0.0010)  # Curless and Levoy's laser: from the middle to where e^-2 of its light is left
 
@@ -76,9 +76,9 @@ def run(*, quick: bool) -> Result:
             card = replace(variation.card(value), rows=48 if quick else 96)
             about = {"parameter": variation.name, "value": value, "unit": "µm", "bound": range_bound_m(card) * 1e6}
             rows += [about | row for row in compare(card, seed=number)]
-    reliefs = {sample: relief_rows(sample, "small") for sample in (SAMPLES[:2] if quick else SAMPLES)}
+    reliefs = {sample: relief_rows(sample, "small") for sample in (("brick", "grass") if quick else SAMPLES)}
     for sample, found in reliefs.items():
-        rows += [row | {"parameter": "whole sweep over a relief", "value": sample} for row in found]
+        rows += [row | {"parameter": "whole sweep over this", "value": sample} for row in found]
     reliefs = {"small brick": reliefs["brick"]} | ({} if quick else {"full brick": relief_rows("brick", "full")})
     for size, found in reliefs.items():
         rows += [row | {"size": size} for row in found if "reference" not in row]

@@ -44,7 +44,7 @@ def test_an_edge_in_a_pixel_moves_its_pulse_to_where_the_light_comes_from(ratio)
 
 def test_the_light_is_as_bright_as_stated():
     """A fine pixel under a still stripe that it faces counts peak_e; three times as long a shutter is as bright."""
-    card = Card(rows=1, slope_rad=np.pi / 4, pixel_m=1e-5, half_m=1e-5, exposure_frames=0.0, advance_m=1e-5)
+    card = Card(rows=1, slope_rad=np.pi / 4, pixel_m=1e-5, half_m=1e-5, exposure_frames=0.0, advance_m=1e-4)
     assert card.electrons().max() == pytest.approx(card.peak_e, rel=1e-3)
     blurred = replace(Card(rows=1), exposure_frames=0.9)
     np.testing.assert_allclose(blurred.electrons().sum(axis=0), Card(rows=1).electrons().sum(axis=0), rtol=1e-6)

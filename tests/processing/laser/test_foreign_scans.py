@@ -36,7 +36,7 @@ def test_chessboard_laser_is_the_published_plane():
 
 @with_chessboard
 def test_ours_leaves_less_over_than_others_on_the_same_stripes():
-    """In pixels about the stripe and in millimetres about the plane, which also predicts images that did not make it."""
+    """In pixels about the stripe and millimetres about the plane, which also predicts images that did not make it."""
     result = real.run(quick=True)
     assert result.figures["real_stripe_residual_px"] < 0.11
     assert result.figures["real_plane_residual_mm"] < 0.15

@@ -132,7 +132,7 @@ def _label(axes: Axes, ends: Sequence[tuple[str, _Point, str]]) -> None:
     ordered = sorted(ends, key=lambda end: end[1][1])
     to_axes = (axes.transScale + axes.transLimits).transform
     wanted = np.array([to_axes(point)[1] for _, point, _ in ordered])
-    for (name, point, colour), place in zip(ordered, spread(wanted, 0.075), strict=True):
+    for (name, point, colour), place in zip(ordered, spread(wanted, min(0.075, 1 / len(ordered))), strict=True):
         axes.annotate(
             name, point, xytext=(1.05, place), textcoords="axes fraction", va="center", fontsize=8, color=colour,
             annotation_clip=False,

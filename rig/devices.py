@@ -87,8 +87,8 @@ class RawFrame:
     """One frame as the camera delivered it.
 
     `data` is the camera's own file (DNG); `serial` and `exposure_s` are read from it, not from what was asked.
-    `index` counts within a burst. `taken_s` is the rig clock's time at which the exposure was asked to begin, plus
-    index times interval.
+    `index` counts within a burst. `taken_s` is the rig clock's time at which the exposure was asked to begin; later
+    frames of a burst are as far behind as the camera's own clock says to the millisecond, else index times interval.
     """
 
     camera: str

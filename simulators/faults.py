@@ -46,6 +46,7 @@ KINDS: Mapping[str, Occasion] = {
     "frozen": Occasion.FRAME,  # the frame before once more
     "dark": Occasion.FRAME,  # lamps and laser do not light this frame
     "no_frame": Occasion.FRAME,  # no object, no event
+    "late": Occasion.FRAME,  # what follows in the burst comes `seconds` later
     "stall": Occasion.MOVE,  # the axis, or the laser's motor, stops half way
     "lost_steps": Occasion.MOVE,  # `steps` are counted but not made
     "dead_lamp": Occasion.LAMP,  # does not light from now on

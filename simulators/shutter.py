@@ -46,6 +46,7 @@ class Release:
     deliver: Callable[[bytes], None]
     complete: Callable[[], None]
     due: Event | None = None  # what happens next
+    late_s: float = 0.0  # by which the next frame misses its time
 
 
 class Shutter:
@@ -99,6 +100,8 @@ class Shutter:
         match fault.kind if fault else None:
             case "no_frame":
                 return None
+            case "late":
+                release.late_s = fault.seconds if fault else 0.0
             case "frozen" if self._last:
                 return self._last
             case "dark":
@@ -125,5 +128,6 @@ class Shutter:
             if image is not None:
                 release.complete()
             return
-        next_ns = exposure.start_ns + round(release.interval_s * NS_PER_S)
+        next_ns = exposure.start_ns + round((release.interval_s + release.late_s) * NS_PER_S)
+        release.late_s = 0.0
         release.due = self._clock.at(next_ns, lambda: self._open(release, exposure.index + 1))

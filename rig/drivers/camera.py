@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import ceil
 
 from rig.config import CameraConfig
@@ -115,9 +116,9 @@ class PtpCamera:
             raise StateError(f"{self._name}: nothing was exposed; there is nothing to fetch.")
         self._stray = False
         handles = self._await_objects(exposure)
-        frames = [self._download(handle, index, exposure) for index, handle in enumerate(handles)]
+        downloads = [self._download(handle, index, exposure) for index, handle in enumerate(handles)]
         self._littered = self._stray
-        return frames
+        return _timed(downloads)
 
     def abort(self) -> None:
         """Drop what is under way; frames that were exposed already are deleted before the next exposure."""
@@ -225,7 +226,7 @@ class PtpCamera:
             )
         return handles
 
-    def _download(self, handle: int, index: int, exposure: _Exposure) -> RawFrame:
+    def _download(self, handle: int, index: int, exposure: _Exposure) -> tuple[RawFrame, float | None]:
         for attempts_left in reversed(range(_DOWNLOADS)):
             try:
                 frame = self._get(handle, index, exposure)
@@ -237,7 +238,8 @@ class PtpCamera:
         self._connection.transact(Operation.DELETE_OBJECT, handle)
         return frame
 
-    def _get(self, handle: int, index: int, exposure: _Exposure) -> RawFrame:
+    def _get(self, handle: int, index: int, exposure: _Exposure) -> tuple[RawFrame, float | None]:
+        """A frame with the time at which it was due, and the one that the camera stamped on it."""
         data = self._connection.transact(Operation.GET_OBJECT, handle, timeout_s=_DOWNLOAD_TIMEOUT_S)
         facts = read_facts(self._name, data)
         if facts.serial != self._config.serial:
@@ -253,7 +255,7 @@ class PtpCamera:
                 "or the camera's own dial is in the way. The step will have to be taken again."
             )
         taken_s = exposure.taken_s + index * exposure.interval_s
-        return RawFrame(self._name, facts.serial, data, facts.exposure_s, index, taken_s)
+        return RawFrame(self._name, facts.serial, data, facts.exposure_s, index, taken_s), facts.stamp_s
 
     def _objects(self) -> tuple[int, ...]:
         return ptp.decode_u32_array(self._connection.transact(Operation.GET_OBJECT_HANDLES, ptp.ANY, 0, ptp.ANY))
@@ -267,3 +269,12 @@ class PtpCamera:
 
     def _sleep_until(self, moment_s: float) -> None:
         self._clock.sleep(max(0.0, moment_s - self._clock.now_s()))
+
+
+def _timed(downloads: Sequence[tuple[RawFrame, float | None]]) -> list[RawFrame]:
+    """The frames of a burst as far apart as the camera's clock says; as they were due where it says nothing usable."""
+    frames, stamps_s = [frame for frame, _ in downloads], [stamp for _, stamp in downloads if stamp is not None]
+    if len(stamps_s) < len(frames) or any(after <= before for before, after in pairwise(stamps_s)):
+        return frames
+    begun_s = frames[0].taken_s - stamps_s[0]
+    return [replace(frame, taken_s=begun_s + stamp) for frame, stamp in zip(frames, stamps_s, strict=True)]

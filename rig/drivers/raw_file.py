@@ -1,7 +1,8 @@
-"""What a raw file says about itself: the camera's serial number and the exposure time."""
+"""What a raw file says about itself: the camera's serial number, the exposure time, and when it was taken."""
 
 import io
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 import exifread
@@ -10,15 +11,22 @@ from rig.errors import FrameCheckError
 
 _SERIAL = "Image Tag 0xC62F"  # CameraSerialNumber (DNG specification 1.7)
 _EXPOSURE = ("EXIF ExposureTime", "Image ExposureTime")  # cameras differ in the directory that they put it in
+_EPOCH = datetime(2000, 1, 1)  # near enough for microseconds in a float
+_MILLISECONDS = 3  # digits
+_MOMENT = ("EXIF DateTimeOriginal", "EXIF SubSecTimeOriginal")
 _EXTENTS = (("Image StripOffsets", "Image StripByteCounts"), ("Image TileOffsets", "Image TileByteCounts"))
 
 
 @dataclass(frozen=True, slots=True)
 class FileFacts:
-    """Who took the file, and how long it was exposed."""
+    """Who took the file, how long it was exposed, and when.
+
+    `stamp_s` is the moment by the camera's own clock, good for differences; None where it tells no milliseconds.
+    """
 
     serial: str
     exposure_s: float
+    stamp_s: float | None
 
 
 def read_facts(camera: str, data: bytes) -> FileFacts:
@@ -34,7 +42,21 @@ def read_facts(camera: str, data: bytes) -> FileFacts:
         raise FrameCheckError(
             f"{camera}: the frame is cut: {len(data)} bytes of at least {end or 'an unknown number of'}."
         )
-    return FileFacts(str(tags[_SERIAL].values).strip("\0 "), float(exposure.values[0]))
+    return FileFacts(_text(tags, _SERIAL), float(exposure.values[0]), _stamp_s(tags))
+
+
+def _stamp_s(tags: dict[str, Any]) -> float | None:
+    moment, fraction = (_text(tags, name) for name in _MOMENT)
+    if not (fraction.isdecimal() and len(fraction) >= _MILLISECONDS):
+        return None
+    try:
+        return (datetime.strptime(moment, "%Y:%m:%d %H:%M:%S") - _EPOCH).total_seconds() + float(f"0.{fraction}")
+    except ValueError:
+        return None
+
+
+def _text(tags: dict[str, Any], name: str) -> str:
+    return str(tags[name].values).strip("\0 ") if name in tags else ""
 
 
 def _end(tags: dict[str, Any], offsets: str, counts: str) -> int:

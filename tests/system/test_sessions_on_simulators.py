@@ -348,6 +348,18 @@ def test_a_faulty_frame_in_the_middle_of_a_burst_is_taken_again(lab, new_session
     assert is_safe(lab)
 
 
+def test_a_late_frame_is_stored_with_its_own_time(lab, new_session):
+    """The eleventh and all after it come 0.2 s late, and the camera's stamps say so."""
+    session = new_session(ONE_SWEEP)
+    late = {"device": "cam4", "kind": "late", "frame": 10, "seconds": 0.2}
+    assert run(lab, session, at_step(lab, 1, late)).state is State.FINISHED
+    times_s = np.array(zarr.open_array(session.frames()[0].path, mode="r").attrs["times_s"])
+    expected_s = np.arange(len(times_s)) * 0.333 + 0.2 * (np.arange(len(times_s)) >= 10)
+    np.testing.assert_allclose(times_s, expected_s, atol=1e-3)
+    assert session.journal.attempts(session.steps[0].id) == 1
+    assert whole(session)
+
+
 def test_a_laser_unit_on_a_bad_wire_still_sweeps(lab, new_session):
     """Infrared in daylight: replies lost, late, doubled, cut and garbled while the stripe is on its way."""
     session = new_session(ONE_SWEEP)

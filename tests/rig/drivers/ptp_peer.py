@@ -8,14 +8,20 @@ from tests.rig.drivers.peers import read_exactly
 OK, BUSY = 0x2001, 0x2019
 
 
-def dng(*, serial="VC-0000", exposure_ticks=333, pixels=64):
-    """Little-endian TIFF: one strip of 16-bit pixels, CameraSerialNumber, and ExposureTime in an Exif directory."""
+def dng(*, serial="VC-0000", exposure_ticks=333, pixels=64, stamp=None):
+    """Little-endian TIFF: one strip of 16-bit pixels, CameraSerialNumber, and ExposureTime in an Exif directory.
+
+    `stamp` is DateTimeOriginal and SubSecTimeOriginal, the latter of four characters or more.
+    """
     serial_bytes = serial.encode() + b"\0"
-    main, exif = 7, 1
+    texts = [text.encode() + b"\0" for text in stamp or ()]
+    main, exif = 7, 1 + len(texts)
     exif_at = 8 + 2 + 12 * main + 4
     rational_at = exif_at + 2 + 12 * exif + 4
     serial_at = rational_at + 8
-    strip_at = serial_at + len(serial_bytes) + len(serial_bytes) % 2
+    texts_at = serial_at + len(serial_bytes) + len(serial_bytes) % 2
+    strip_at = texts_at + sum(map(len, texts))
+    strip_at += strip_at % 2
     entries = [
         (256, 4, 1, pixels),
         (257, 4, 1, 1),
@@ -27,8 +33,11 @@ def dng(*, serial="VC-0000", exposure_ticks=333, pixels=64):
     ]
     head = struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<H", main)
     head += b"".join(struct.pack("<HHII", *entry) for entry in entries) + struct.pack("<I", 0)
-    head += struct.pack("<H", exif) + struct.pack("<HHII", 33434, 5, 1, rational_at) + struct.pack("<I", 0)
-    head += struct.pack("<II", exposure_ticks, 10_000) + serial_bytes
+    head += struct.pack("<H", exif) + struct.pack("<HHII", 33434, 5, 1, rational_at)
+    for tag, text, before in zip((36867, 37521), texts, (0, len(texts[0]) if texts else 0), strict=False):
+        head += struct.pack("<HHII", tag, 2, len(text), texts_at + before)
+    head += struct.pack("<I", 0) + struct.pack("<II", exposure_ticks, 10_000) + serial_bytes
+    head = head.ljust(texts_at, b"\0") + b"".join(texts)
     return head.ljust(strip_at, b"\0") + bytes(2 * pixels)
 
 

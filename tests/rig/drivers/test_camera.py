@@ -1,5 +1,6 @@
 """The camera driver against a scripted PTP/IP camera."""
 
+import numpy as np
 import pytest
 
 from rig.config import CameraConfig
@@ -85,6 +86,35 @@ def test_a_burst_has_its_frames_in_order_with_the_times_that_the_camera_keeps(ca
     assert [frame.index for frame in frames] == list(range(5))
     assert [frame.data for frame in frames] == [dng(exposure_ticks=200, pixels=64 + index) for index in range(5)]
     assert [frame.taken_s for frame in frames] == pytest.approx([started_s + index * 0.133 for index in range(5)])
+
+
+@pytest.mark.parametrize(
+    ("stamps", "usable"),
+    [
+        (["59.000000", "59.133000", "59.300000"], True),  # the third one late by 34 ms
+        (["58.9000", "59.0330", "59.2000"], True),
+        (["59.0000", None, "59.3000"], False),
+        (["59.3000", "59.1330", "59.0000"], False),  # the clock was set
+        (["61.0000", "62.0000", "63.0000"], False),  # no clock shows that
+    ],
+)
+def test_frames_of_a_burst_are_as_far_apart_as_the_camera_says(camera, script, clock, stamps, usable):
+    def frame(index, ticks):
+        moment = stamps[index] and stamps[index].split(".")
+        return dng(exposure_ticks=ticks, stamp=moment and (f"2026:01:01 23:59:{moment[0]}", moment[1]))
+
+    script.frame = frame
+    started_s = clock.now_s()
+    camera.expose(0.02, frames=3, interval_s=1 / 7.5)
+    times_s = np.array([taken.taken_s for taken in camera.fetch()]) - started_s
+    assert times_s == pytest.approx([0.0, 0.133, 0.3] if usable else [0.0, 0.133, 0.266])
+
+
+@pytest.mark.parametrize(("fraction", "told"), [("1234", True), ("123456", True), ("12  ", False), ("abcd", False)])
+def test_a_stamp_is_used_from_milliseconds_on(fraction, told):
+    """Hundredths of a second are coarser than the interval that the camera keeps by itself."""
+    facts = read_facts("cam0", dng(stamp=("2026:01:01 08:00:00", fraction)))
+    assert (facts.stamp_s is not None) == told
 
 
 def test_fetching_waits_no_longer_than_exposure_and_readout(camera, clock):

@@ -186,6 +186,14 @@ def test_lamps_and_laser_draw_it(optics, pose, name):
     assert 0.002 < np.mean(stripe > 1e3) < 0.05
 
 
+def test_the_true_btf_is_lit_and_shaded(optics, pose, name):
+    """Every texel is seen; shadows of bodies on bodies leave some of them black."""
+    image = np.load(optics.truth("btf", pose(sample=name), camera="cam6", lamp="lamp2", texels=48, samples=1)["path"])
+    assert np.isfinite(image).all()
+    assert 0.02 < np.mean(image.max(axis=-1) == 0) < 0.7
+    assert image.max() < 2
+
+
 def test_an_unknown_sample_is_told_with_those_that_there_are():
     with pytest.raises(ValueError, match="no sample 'felt': one of none, white, brick, weave, peanut, grass, pipe"):
         Studio(1, "small").scene("felt")

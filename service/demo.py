@@ -237,7 +237,10 @@ def _mdf_stage(out: Path, session: Session, simulation: Simulation, watch: Stopw
             Measure("displacement_median_um", errors.error_m.median * 1e6, "um", "error, median"),
             Measure("displacement_p95_um", errors.error_m.p95 * 1e6, "um", "error, 95th percentile"),
             Measure("displacement_completeness", errors.completeness, "", "measured share of what a laser reaches"),
-            Measure("false_point_share", errors.false_points, "", "measurements more than 0.5 mm off"),
+            Measure(
+                "false_point_share", errors.false_points, "", "measured where no laser reaches, or over 0.5 mm off"
+            ),
+            Measure("mdf_within_one_code_step", errors.within_one_code_step, "", "of what a laser reaches, in 8 bits"),
             Measure("displacement_normalised_rms", errors.normalised.rms, "sigma", "error over its own sigma"),
         ),
         demo_pictures.mdf(out, errors),

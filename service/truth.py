@@ -170,18 +170,44 @@ def btf_errors(session: Session, calibrations: Calibrations, simulation: Simulat
 
 @dataclass(frozen=True, eq=False)
 class MdfErrors:
-    """Measured displacements against the true ones, in metres, and which texels were measured.
+    """Measured displacements (view, y, x) against the true ones, in metres, and which texels were measured.
 
-    `completeness` counts the texels that the camera sees and at least one laser location lights. `false_points` are
-    measurements more than `FALSE_M` off, as a share of all.
+    A texel can be measured where the camera sees a surface that at least one laser location lights: `completeness` is
+    the share of these that were. `false_points` are measured texels that cannot be, and those more than FALSE_M off, as
+    a share of all measured ones. `within_one_code_step` is the share of the texels that can be measured whose value is
+    within one step of the MDF's 8-bit code from the truth.
     """
 
     error_m: Distribution
     normalised: Distribution  # error over sigma
     completeness: float
     false_points: float
+    within_one_code_step: float
     truth_m: NDArray[np.float64]
     measured_m: NDArray[np.float32]
+
+    @classmethod
+    def of(
+        cls, mdf: Mdf, truth_m: NDArray[np.float64], lit: NDArray[np.bool_], step_m: float | None = None
+    ) -> "MdfErrors":
+        """From the true displacements, NaN where the camera sees none, and which of them a laser location lights.
+
+        `step_m` is that of the code where more views are packed than these.
+        """
+        step_m = mdf.pack8()[1] if step_m is None else step_m
+        error_m = mdf.displacement_m - truth_m
+        measured, can_be = np.isfinite(mdf.displacement_m), lit & np.isfinite(truth_m)
+        with np.errstate(invalid="ignore"):
+            off, close = np.abs(error_m) > FALSE_M, np.abs(error_m) <= step_m
+        return cls(
+            Distribution.of(error_m),
+            Distribution.of(error_m / np.sqrt(mdf.variance_m2)),
+            float(measured[can_be].mean()),
+            float((off | ~can_be)[measured].mean()),
+            float(close[can_be].mean()),
+            truth_m,
+            mdf.displacement_m,
+        )
 
 
 FALSE_M = 5e-4
@@ -200,18 +226,8 @@ def mdf_errors(session: Session, simulation: Simulation) -> MdfErrors:
         )
         truth[view] = np.load(reply["path"])
         lit[view] = np.load(reply["lit_path"]) | lit.get(view, np.False_)
-    true_m, reachable = np.stack(list(truth.values())), np.stack(list(lit.values()))
-    error = mdf.displacement_m - true_m
-    measured = np.isfinite(mdf.displacement_m)
-    within = reachable & np.isfinite(true_m)
-    return MdfErrors(
-        Distribution.of(error),
-        Distribution.of(error / np.sqrt(mdf.variance_m2)),
-        float((measured & within).sum() / within.sum()),
-        float((np.abs(error[measured]) > FALSE_M).mean()),
-        true_m,
-        mdf.displacement_m,
-    )
+    views = sorted(truth)  # as the product has them
+    return MdfErrors.of(mdf, np.stack([truth[view] for view in views]), np.stack([lit[view] for view in views]))
 
 
 def _at(step: Step) -> dict[str, object]:

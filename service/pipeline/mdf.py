@@ -38,7 +38,8 @@ def make_mdf(session: Session, calibrations: Calibrations, progress: Progress) -
     """
     assert isinstance(session.plan, MdfPlan)
     folder = session.products / "mdf"
-    records = sorted(session.frames(), key=_view)  # a view's locations one after the other, in the order of the steps
+    # Views by camera and turntable; a view's locations one after the other, in the order of the steps.
+    records = sorted(session.frames(), key=lambda record: (record.camera, record.step.axes_rad["turntable"]))
     inputs = fingerprint(records, {"texels": session.plan.texels, "calibrations": calibrations.digest()})
     if is_current(folder, inputs):
         return folder

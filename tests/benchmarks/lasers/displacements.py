@@ -163,11 +163,12 @@ def _errors(mdf: Mdf, truths: Sequence[Truth], only: int | None = None) -> MdfEr
 
 def _told(errors: MdfErrors) -> dict[str, float]:
     um = {name: 1e6 * value for name, value in asdict(errors.error_m).items()}
-    return {
+    row = {
         "error": um["rms"], "median_um": um["median"], "p95_um": um["p95"], "largest_um": um["largest"],
         "completeness": errors.completeness, "false_points": errors.false_points,
-        "within_one_code_step": errors.within_one_code_step, "normalised_rms": errors.normalised.rms,
+        "within_one_code_step": errors.within_one_code_step,
     }  # fmt: skip
+    return row if np.isnan(errors.normalised.rms) else row | {"normalised_rms": errors.normalised.rms}
 
 
 def calibrated(optics: Optics) -> Mapping[str, CameraModel]:

@@ -150,8 +150,9 @@ def fit_sweep(points_m: Array, time_frames: Array, time_variance: Array, mount: 
     reweighted (Tukey) from a median line, with the mount's tolerances as priors and a spline as smooth as the sweep
     itself tells. Points that are not finite have no say.
     """
-    finite = np.isfinite(points_m).all(axis=1) & np.isfinite(time_frames) & (time_variance > 0.0)
-    points_m, time_frames, time_variance = points_m[finite], time_frames[finite], time_variance[finite]
+    values = np.column_stack([points_m, time_frames, time_variance]).astype(np.float64)
+    values = values[np.isfinite(values).all(axis=1) & (values[:, 4] > 0.0)]
+    points_m, time_frames, time_variance = values[:, :3].copy(), values[:, 3].copy(), values[:, 4].copy()
     if len(points_m) < _MIN_POINTS:
         return _no_stripe(mount, len(points_m))
     first, last = np.percentile(time_frames, [0.5, 99.5])

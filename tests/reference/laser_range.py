@@ -51,8 +51,8 @@ def cut_rays(times, variances, camera, sample, sweep):
     points = start + depth[..., None] * rays
     good = inside & np.isfinite(depth)
     variance = np.full(depth.shape, np.nan)
-    angle_variance = _angle_variance(sweep, points[good], times[good].astype(float), variances[good])
-    variance[good] = angle_variance * (fan_distance(sweep.fan, points[good]) / slant[good]) ** 2
+    of_angle = angle_variance(sweep, points[good], times[good].astype(float), variances[good])
+    variance[good] = of_angle * (fan_distance(sweep.fan, points[good]) / slant[good]) ** 2
     local = geometry.transform_points(geometry.invert(rig_from_sample), points)
     margin = MARGIN_M + 3 * np.sqrt(variance)
     out = np.abs(local[..., :2]).max(axis=-1) > holder.sample_m / 2 + margin
@@ -66,7 +66,8 @@ def cut_rays(times, variances, camera, sample, sweep):
     return status, np.where(found, depth, np.nan), np.where(found, variance, np.nan)
 
 
-def _angle_variance(sweep, points, times, time_variances):
+def angle_variance(sweep, points, times, time_variances):
+    """Variance (n,) of the angles between points and the planes at their times."""
     basis = sweep.spline.design_matrix(times, sweep.spline.t, 3).toarray()
     jacobian = np.hstack([fan_slopes(sweep.fan, points), -basis])
     model = np.einsum("ij,jk,ik->i", jacobian, sweep.covariance, jacobian, optimize=True)

@@ -48,7 +48,7 @@ def merge_displacements(
 
 
 def _consistency(histogram: NDArray[np.int64]) -> Array:
-    """1.4826 times the median (k,) of the counted deviations in sigmas (k, bins); NaN where none was counted."""
+    """1.4826 times the median deviation in sigmas (k,) of those counted (k, bins); NaN where none was counted."""
     summed = np.cumsum(histogram, axis=1)
     half = 0.5 * summed[:, -1:]
     place = np.argmax(summed >= half, axis=1)
@@ -56,7 +56,7 @@ def _consistency(histogram: NDArray[np.int64]) -> Array:
     below = np.take_along_axis(summed, place[:, None], axis=1) - within
     with np.errstate(invalid="ignore"):
         share = (place[:, None] + (half - below) / within)[:, 0] / histogram.shape[1]
-    return np.asarray(1.4826 * share / (1.0 - share))
+    return np.asarray(1.4826 * np.sqrt(share / (1.0 - share)))
 
 
 def tetrahedron_weights(sources_m: Array, camera_m: Array) -> Array:

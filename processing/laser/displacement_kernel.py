@@ -7,28 +7,20 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 OUTLIER = 4.0  # sigmas
 AGREEMENT_M = 25e-6  # two locations see a rough surface's pixel differently by about this much
-BINS = 2048  # of the deviations in sigmas s, even in s / (1 + s)
+BINS = 2048  # of the squared deviations s in variances, even in s / (1 + s)
 BLOCKS = 32  # of pixels, which count their deviations apart
 
 
 @njit(inline="always")
-def _sorted_samples(
-    values: NDArray[np.floating], variances: NDArray[np.floating], p: int, weights: Array, own: Array
-) -> int:
-    """Write value, variance, weight and location of a pixel's samples in rising order; returns their number."""
+def _gather(values: NDArray[np.floating], variances: NDArray[np.floating], p: int, weights: Array, own: Array) -> int:
+    """Write value, variance, weight and location of a pixel's samples, all marked; returns their number."""
     count = 0
     for k in range(values.shape[0]):
         value, variance = float(values[k, p]), float(variances[k, p])
         weight = 1.0 / variance if weights.size == 0 else weights[k]
-        if not (np.isfinite(value) and np.isfinite(variance) and variance > 0.0 and weight > 0.0):
-            continue
-        place = count
-        while place > 0 and own[0, place - 1] > value:
-            for row in range(4):
-                own[row, place] = own[row, place - 1]
-            place -= 1
-        own[0, place], own[1, place], own[2, place], own[3, place] = value, variance, weight, k
-        count += 1
+        if np.isfinite(value) and np.isfinite(variance) and variance > 0.0 and weight > 0.0:
+            own[0, count], own[1, count], own[2, count], own[3, count], own[4, count] = value, variance, weight, k, 1.0
+            count += 1
     return count
 
 
@@ -64,7 +56,7 @@ def _consensus(own: Array, count: int) -> int:
         for j in range(count):
             apart = own[0, i] - own[0, j]
             cost += min(apart * apart / (own[1, j] + AGREEMENT_M * AGREEMENT_M), OUTLIER * OUTLIER)
-        if cost < least:
+        if cost < least or (cost == least and own[0, i] < own[0, best]):  # of two alike the nearer to the camera
             best, least = i, cost
     return best
 
@@ -76,8 +68,8 @@ def _settle(own: Array, count: int) -> tuple[float, float, int]:
     Where four in five of those agree within their own noise, the surface is smooth there and the others are wrong;
     elsewhere locations may differ by its roughness.
     """
-    middle = count // 2
-    if _near(own, count, own[0, middle], own[1, middle]) < count:
+    value, variance = _mean(own, count)
+    if _near(own, count, value, variance) < count:
         centre = _consensus(own, count)
         value, variance = own[0, centre], own[1, centre]
         strict = _near(own, count, value, variance)
@@ -87,7 +79,7 @@ def _settle(own: Array, count: int) -> tuple[float, float, int]:
         value, variance = _mean(own, count)
         if _near(own, count, value, variance + roughness) == 0:
             _near(own, count, own[0, centre], own[1, centre] + roughness)
-    value, variance = _mean(own, count)
+        value, variance = _mean(own, count)
     used = 0
     for i in range(count):
         used += int(own[4, i])
@@ -103,8 +95,9 @@ def _count_deviations(own: Array, count: int, mean: tuple[float, float], histogr
     for i in range(count):
         # The mean holds the sample itself; of a sample that makes the mean all but alone a floor is left.
         variance = own[1, i] * (1.0 - 2.0 * own[2, i] * own[4, i] / total) + mean[1]
-        sigmas = abs(own[0, i] - mean[0]) / np.sqrt(max(variance, 0.05 * own[1, i]))
-        histogram[int(own[3, i]), min(int(BINS * (sigmas / (1.0 + sigmas))), BINS - 1)] += 1
+        square = (own[0, i] - mean[0]) ** 2
+        place = BINS * square / (square + max(variance, 0.05 * own[1, i]))
+        histogram[int(own[3, i]), min(int(place), BINS - 1)] += 1
 
 
 @njit(inline="always")
@@ -134,7 +127,7 @@ def merge_samples(
     for block in prange(histogram.shape[0]):
         own = np.empty((5, values.shape[0]))
         for p in range(block * pixels // histogram.shape[0], (block + 1) * pixels // histogram.shape[0]):
-            count = _sorted_samples(values, variances, p, weights, own)
+            count = _gather(values, variances, p, weights, own)
             merged[0, p] = merged[1, p] = np.nan
             counts[0, p] = counts[1, p] = 0
             if count == 0:

@@ -247,7 +247,7 @@ class _Problem:
         for _ in range(4):
             sigma2 = noise + self.excess**2
             weights = biweight(residual, np.sqrt(sigma2)) / sigma2**2
-            surplus = float(weights @ (residual**2 / _INLIER_SQUARE - sigma2)) / max(float(weights.sum()), 1e-300)
+            surplus = float(np.sum(weights * (residual**2 / _INLIER_SQUARE - sigma2)) / max(weights.sum(), 1e-300))
             self.excess = float(np.sqrt(max(self.excess**2 + surplus, 1e-4 * np.median(noise))))
         return np.asarray(np.sqrt(noise + self.excess**2))
 

@@ -24,8 +24,8 @@ def merge_pixel(values, variances, weights=None):
 
 
 def _agreeing(value, variance, weight):
-    middle = len(value) // 2
-    near = _near(value, variance, value[middle], variance[middle])
+    every = np.ones(len(value), bool)
+    near = _near(value, variance, *_mean(value, variance, weight, every))
     if near.all():
         return near
     cost = (value[:, None] - value) ** 2 / (variance + AGREEMENT_M**2)

@@ -87,7 +87,7 @@ def test_the_product_is_the_surface_and_says_what_it_rests_on(done):
     assert errors.completeness > 0.9  # two locations reach few places twice
     assert errors.error_m.median < 40e-6
     assert errors.false_points < 0.01
-    assert errors.within_one_code_step > 0.3
+    assert errors.within_one_code_step > 0.2  # a pixel of the small rig is half a millimetre wide
     assert notes == []
     for view in told:
         assert (product / view["picture"]).stat().st_size > 20_000

@@ -248,6 +248,32 @@ def test_a_slow_sweep_of_many_frames_stays_small_work(small):
     assert 0.75 < rms(errors) < 1.25
 
 
+def test_a_bad_sweep_does_not_spoil_a_view(scene):
+    """Merged with a clean one: a sweep without a stripe, one with lost frames, one with a flash."""
+    flash = np.where(np.abs(NUMBERS - 49) < 2, 3000.0, 0.0)[:, None, None]
+    clean = scene.sweep(scene.frames())
+    bad = [
+        scene.frames(0 * scene.light_e, seed=2),
+        np.delete(scene.frames(seed=3), LOST["ten in a row"], axis=0),
+        scene.frames(scene.light_e + flash, seed=4),
+    ]
+    (alone,), (together,) = (
+        mdf_from_sweeps([clean, *(scene.sweep(frames) for frames in others)], HOLDER, 16)[1] for others in ([], bad)
+    )
+    error_m = [view.merged.displacement_m - scene.truth for view in (alone, together)]
+    assert np.isfinite(error_m[1]).sum() >= np.isfinite(error_m[0]).sum()
+    assert np.nanmedian(np.abs(error_m[1])) < 1.1 * np.nanmedian(np.abs(error_m[0]))
+    normalised = error_m[1] / np.sqrt(together.merged.variance_m2)
+    assert 0.8 < rms(normalised[np.isfinite(normalised)]) < 1.2
+
+
+@pytest.mark.parametrize("lamp_e", [300.0, 3000.0])
+def test_a_lamp_that_stays_on_costs_only_its_noise(scene, lamp_e):
+    result = scene.measure(scene.frames(scene.light_e + lamp_e))
+    assert result.completeness > 0.5
+    assert_true_variance(scene, result)
+
+
 # ---- anything -----------------------------------------------------------------------------------------------------
 
 

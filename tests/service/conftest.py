@@ -33,6 +33,15 @@ CALIBRATE = {
     "cameras": ["cam4", "cam7"],
     "exposure_s": 0.05,
 }
+UNTOLD_MDF = {
+    "kind": "mdf",
+    "turntable_deg": [0],
+    "laser_azimuth_deg": [[45]],
+    "laser_elevations_deg": [50],
+    "cameras": ["cam7"],
+    "frame_rate_hz": 5.0,
+    "texels": 8,
+}
 SENSOR = {
     "kind": "sensor",
     "cameras": ["cam4"],

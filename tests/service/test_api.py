@@ -14,7 +14,18 @@ from processing.products import BlinnPhong, Srf
 from rig.config import load_config
 from rig.sessions import Session, parse_plan
 from service.app import create_app
-from tests.service.conftest import API, CALIBRATE, LIVE, LONG_BTF, LONG_STEPS, ORIGIN, ROOT_OPENAPI, SENSOR, SMALL_BTF
+from tests.service.conftest import (
+    API,
+    CALIBRATE,
+    LIVE,
+    LONG_BTF,
+    LONG_STEPS,
+    ORIGIN,
+    ROOT_OPENAPI,
+    SENSOR,
+    SMALL_BTF,
+    UNTOLD_MDF,
+)
 
 
 def problem(reply, status, code):
@@ -71,6 +82,20 @@ def test_an_impossible_plan_never_becomes_a_session(client, change, status, code
     for path in ("plans/validate", "sessions"):
         assert named in problem(client.post(f"{API}/{path}", json=SMALL_BTF | change), status, code)
     assert client.get(f"{API}/sessions").json() == []
+
+
+def test_a_session_tells_the_exposure_that_a_test_sweep_chose(client, start_session):
+    checked = client.post(f"{API}/plans/validate?steps=true", json=UNTOLD_MDF).json()
+    assert ["test sweep" in line for line in checked["dry_run"]] == [True, False]
+    session = start_session(UNTOLD_MDF)
+    with client.websocket_connect(f"{LIVE}/sessions/{session}/events") as socket:
+        told = [socket.receive_json()]
+        while told[-1]["kind"] != "end":
+            told.append(socket.receive_json())
+    test, sweep = (message for message in told if message["kind"] == "done")
+    (frame,) = client.get(f"{API}/sessions/{session}/frames").json()
+    assert f"exposure {frame['exposure_s']:.4f} s chosen from a test sweep" in test["message"]
+    assert (frame["step"], test["step"]) == (sweep["step"], f"{sweep['step']}_test")
 
 
 def test_a_session_runs_to_its_end_and_tells_it_live(client, start_session, wait_for):

@@ -12,6 +12,7 @@ from processing.laser.depth_picture import depth_picture, write_point_cloud
 from processing.laser.hand_sweep import laser_sweep
 from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
 from processing.laser.motion import Motion
+from processing.laser.printed_rectangles import RectangleFit
 from processing.laser.profile_scan import Scan, ScanStatus, scan_profiles
 from processing.laser.scan_check import MotionCheck, check_motion, merged_points, pass_disagreement
 from render.picture import save_image
@@ -70,14 +71,36 @@ def _stripes(found: LaserChessboard, out: Path) -> Iterator[str]:
 
 
 def _sweep(source: Path, out: Path) -> Iterator[str]:
-    found = laser_sweep(source, source.parent / INTRINSICS)
+    intrinsics = source.parent / INTRINSICS
+    found = laser_sweep(source, intrinsics if intrinsics.exists() else None)
     measured = np.isfinite(found.depth_m)
     yield (
         f"{measured.mean():.1%} of the pixels measured; wall {found.wall_rms_m * 1e3:.2f} mm and table "
-        f"{found.floor_rms_m * 1e3:.2f} mm from their planes, {degrees(found.corner_angle_rad):.2f} deg between them"
+        f"{found.floor_rms_m * 1e3:.2f} mm from their planes, {_corner(found.fit)} between them"
     )
+    if found.own is found.fit:
+        yield f"no {INTRINSICS}: by the rectangles, {_camera(found.fit)}"
+    elif found.own is not None and found.own.contradicts(found.fit):
+        yield (
+            f"WARNING: {INTRINSICS} contradicts the rectangles, whose sides lie {found.fit.rms_px:.2f} px off with it. "
+            f"Without it they say {_camera(found.own)}; the corner is {_corner(found.own)} then. Take the file away to "
+            "go by the rectangles."
+        )
     picture = depth_picture(found.depth_m)
     yield from _write(out, lambda path: save_image(path, picture), found.points_m, found.picture)
+
+
+def _corner(fit: RectangleFit) -> str:
+    return f"{degrees(fit.corner_rad):.1f} +- {degrees(fit.corner_deviation_rad):.1f} deg"
+
+
+def _camera(fit: RectangleFit) -> str:
+    matrix, distortion = fit.lens
+    focal, across, down, bend = fit.deviation
+    return (
+        f"focal length {matrix[0, 0]:.0f} +- {focal:.0f} px, centre {matrix[0, 2]:.0f} +- {across:.0f} and "
+        f"{matrix[1, 2]:.0f} +- {down:.0f} px, k1 {distortion[0]:.2f} +- {bend:.2f}, sides {fit.rms_px:.2f} px off"
+    )
 
 
 def _scan(source: Path, out: Path, track: Track) -> Iterator[str]:

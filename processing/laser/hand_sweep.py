@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from processing import geometry
 from processing.errors import CalibrationError, ImageError
 from processing.formats.sequence import read_animation
-from processing.laser.plane_fit import Plane, fit_plane, plane_angle
+from processing.laser.plane_fit import Plane, fit_plane
+from processing.laser.printed_rectangles import Lens, RectangleFit, find_rectangles, fit_rectangles
 from processing.laser.ridge import stripe_ridge
 from processing.laser.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
 from processing.laser.stripe import redness, stripe_line
@@ -26,7 +27,6 @@ from processing.robust import bulk_deviation
 Array = NDArray[np.float64]
 RECTANGLE_M = (0.230, 0.130)  # inner border of the printed frames
 CALIBRATED_WIDTH_PX = 1280.0
-_ENLARGE = 4  # the contour of a frame is found in an enlarged picture
 _CODE_DN = 8  # redness is handed to the space-time analysis in eighths of a code
 _SENSOR = Sensor(256.0, 4095.0, 1.0 / _CODE_DN, 3.0)  # palette pictures: about three codes of noise
 _PULSE = PulseSettings(width_tolerance=0.5, double_fraction=0.6)  # a hand's speed varies
@@ -40,8 +40,9 @@ class HandSweep:
 
     `points_m` (h, w, 3) and `depth_m` (h, w) along the optical axis are NaN where no stripe passed; `picture` (h, w, 3)
     uint8 is the scene without the stripe. `planes` holds the laser's plane per frame, None where a line is missing.
-    `wall_rms_m` and `floor_rms_m` are RMS distances of points measured on the rectangles from their planes, and
-    `corner_angle_rad` the angle between wall and table: what can be checked without knowing the object.
+    `wall_rms_m` and `floor_rms_m` are RMS distances of points measured on the rectangles from their planes. `fit` holds
+    camera and rectangles as used, with the angle between wall and table; `own` what the rectangles alone say of the
+    camera, to check a given one, None where they do not tell.
     """
 
     points_m: Array
@@ -53,7 +54,8 @@ class HandSweep:
     planes: tuple[Plane | None, ...]
     wall_rms_m: float
     floor_rms_m: float
-    corner_angle_rad: float
+    fit: RectangleFit
+    own: RectangleFit | None
 
 
 @dataclass(frozen=True)
@@ -62,43 +64,40 @@ class _Reference:
     mask: NDArray[np.bool_]
 
 
-def laser_sweep(gif: Path, intrinsics: Path) -> HandSweep:
+def laser_sweep(gif: Path, intrinsics: Path | None) -> HandSweep:
     """Range of every pixel that a hand-swept stripe passed in an animated picture.
 
-    `intrinsics` is OpenCV's XML with K and dist, for pictures CALIBRATED_WIDTH_PX wide.
-    Raises ImageError where the animation cannot be read, has under ten frames or shows no two rectangles or no stripe,
-    and CalibrationError where the intrinsics cannot be read.
+    `intrinsics` is OpenCV's XML with K and dist, for pictures CALIBRATED_WIDTH_PX wide; without it the rectangles
+    themselves tell the camera. Raises ImageError where the animation cannot be read, has under ten frames or shows no
+    two rectangles or no stripe, and CalibrationError where the intrinsics cannot be read.
     """
     frames = read_animation(gif)
     if len(frames) < 10:
         raise ImageError(f"{gif}: {len(frames)} frames; a sweep needs ten or more.")
-    matrix, distortion = read_intrinsics(intrinsics, frames.shape[2] / CALIBRATED_WIDTH_PX)
+    given = None if intrinsics is None else read_intrinsics(intrinsics, frames.shape[2] / CALIBRATED_WIDTH_PX)
     picture = np.median(frames, axis=0).astype(np.uint8)
-    wall, floor = _references(picture, matrix, distortion, gif)
+    contours = find_rectangles(picture)
+    if len(contours) < 2:
+        raise ImageError(
+            f"{gif}: {len(contours)} printed rectangles found; one on the wall and one on the table needed."
+        )
+    fit, own = _fits(contours, picture.shape[:2], given)
+    wall, floor = (_reference(p, c, picture.shape[:2]) for p, c in zip(fit.planes, contours, strict=True))
     red = redness(frames.reshape(-1, *frames.shape[2:])).reshape(frames.shape[:3])
     red -= np.median(red, axis=0)
-    rays = geometry.pixel_rays(_pixels(red.shape[1:]), matrix, distortion, np.eye(4))
-    planes = tuple(_frame_plane(image, (wall, floor), (matrix, distortion)) for image in red)
+    planes = tuple(_frame_plane(image, (wall, floor), fit.lens) for image in red)
     if sum(plane is not None for plane in planes) < 3:
         raise ImageError(f"{gif}: the stripe crosses both rectangles in fewer than three frames.")
     raw_dn = np.clip(np.rint(red * _CODE_DN + _SENSOR.black_dn), 0, _SENSOR.white_dn).astype(np.uint16)
     peaks = peak_times(raw_dn, _SENSOR, _PULSE)
-    points = _cut(rays, peaks, planes)
+    points = _cut(geometry.pixel_rays(_pixels(red.shape[1:]), *fit.lens, np.eye(4)), peaks, planes)
     return HandSweep(
-        points,
-        points[..., 2].astype(np.float32),
-        picture,
-        peaks,
-        wall.plane,
-        floor.plane,
-        planes,
-        _rms(wall.plane.distance(points[wall.mask])),
-        _rms(floor.plane.distance(points[floor.mask])),
-        plane_angle(wall.plane, floor.plane),
-    )
+        points, points[..., 2].astype(np.float32), picture, peaks, wall.plane, floor.plane, planes,
+        _rms(wall.plane.distance(points[wall.mask])), _rms(floor.plane.distance(points[floor.mask])), fit, own,
+    )  # fmt: skip
 
 
-def read_intrinsics(path: Path, scale: float) -> tuple[Array, Array]:
+def read_intrinsics(path: Path, scale: float) -> Lens:
     """Camera matrix (3, 3) for pictures reduced by `scale`, and distortion (5,), of OpenCV's XML with K and dist.
 
     Raises CalibrationError where they are not there.
@@ -123,70 +122,28 @@ def _pixels(shape: Sequence[int]) -> Array:
     return np.stack([columns, rows], axis=-1).astype(np.float64)
 
 
-def _references(
-    picture: NDArray[np.uint8], matrix: Array, distortion: Array, source: Path
-) -> tuple[_Reference, _Reference]:
-    """Wall and table by the two largest dark frames around white, the upper one on the wall."""
-    quads = sorted(_frame_contours(picture), key=len, reverse=True)[:2]
-    if len(quads) < 2:
-        raise ImageError(
-            f"{source}: {len(quads)} printed rectangles found; one on the wall and one on the table needed."
-        )
-    upper, lower = sorted(quads, key=lambda contour: float(contour[:, 1].mean()))
-    shape = picture.shape[:2]
-    return _reference(upper, matrix, distortion, shape), _reference(lower, matrix, distortion, shape)
+def _fits(
+    contours: Sequence[Array], shape: tuple[int, ...], lens: Lens | None
+) -> tuple[RectangleFit, RectangleFit | None]:
+    """The fit that counts: of the given camera or else of the rectangles' own; and the latter, where there is one."""
+    if lens is None:
+        own = fit_rectangles(contours, RECTANGLE_M, shape)
+        return own, own
+    given = fit_rectangles(contours, RECTANGLE_M, shape, lens)
+    try:
+        return given, fit_rectangles(contours, RECTANGLE_M, shape)
+    except ImageError:  # seen too straight to tell the camera
+        return given, None
 
 
-def _frame_contours(picture: NDArray[np.uint8]) -> list[Array]:
-    """Inner contours (n, 2) uv_px of dark frames that are quadrilaterals."""
-    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
-    large = cv2.resize(grey, None, fx=_ENLARGE, fy=_ENLARGE, interpolation=cv2.INTER_CUBIC)
-    dark = (large < 0.5 * float(np.median(grey))).astype(np.uint8)
-    contours, tree = cv2.findContours(dark, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    found = []
-    for index, contour in enumerate(contours):
-        hole = tree[0, index, 3] >= 0
-        if hole and cv2.contourArea(contour) > 0.01 * large.size and len(_corners(contour)) == 4:
-            found.append((contour[:, 0].astype(np.float64) + 0.5) / _ENLARGE - 0.5)
-    return found
-
-
-def _corners(contour: NDArray[np.generic]) -> Array:
-    outline = np.asarray(contour, np.float32).reshape(-1, 1, 2)
-    return np.asarray(cv2.approxPolyDP(outline, 0.03 * cv2.arcLength(outline, True), True)[:, 0], np.float64)
-
-
-def _reference(contour: Array, matrix: Array, distortion: Array, shape: tuple[int, ...]) -> _Reference:
-    """The rectangle's plane from lines through its undistorted sides, and the pixels inside it."""
-    straight = np.asarray(cv2.undistortPoints(contour[:, None], matrix, distortion, P=matrix)[:, 0], np.float64)
-    corners = _corners(straight)
-    around = corners - corners.mean(axis=0)
-    corners = corners[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]  # from the top left, as the picture turns
-    lines = [_side(straight, corners[i], corners[(i + 1) % 4]) for i in range(4)]
-    exact = np.stack([np.linalg.solve(*_pair(lines[i - 1], lines[i])) for i in range(4)])
-    width, height = RECTANGLE_M
-    model = np.array([(0, 0, 0), (width, 0, 0), (width, height, 0), (0, height, 0)])
-    _, rotation, translation = cv2.solvePnP(model, exact, matrix, np.zeros(5), flags=cv2.SOLVEPNP_IPPE)
-    camera_from_rectangle = geometry.rigid_from_vectors(rotation.ravel(), translation.ravel())
+def _reference(plane: Plane, contour: Array, shape: tuple[int, ...]) -> _Reference:
+    """A rectangle's plane and the pixels inside it."""
     mask = np.zeros(shape, np.uint8)
     cv2.fillPoly(mask, [np.rint(contour).astype(np.int32)], 1)
-    return _Reference(Plane.of_board(camera_from_rectangle), cv2.erode(mask, np.ones((5, 5), np.uint8)).astype(bool))
+    return _Reference(plane, cv2.erode(mask, np.ones((5, 5), np.uint8)).astype(bool))
 
 
-def _side(points: Array, start: Array, end: Array) -> tuple[Array, float]:
-    """Line through the contour's points along one side, away from its corners."""
-    along = (end - start) / np.linalg.norm(end - start)
-    place = (points - start) @ along / np.linalg.norm(end - start)
-    across = np.abs((points - start) @ np.array([-along[1], along[0]]))
-    line = stripe_line(points[(place > 0.1) & (place < 0.9) & (across < 5.0)])
-    return line.normal, line.offset_px
-
-
-def _pair(first: tuple[Array, float], second: tuple[Array, float]) -> tuple[Array, Array]:
-    return np.stack([first[0], second[0]]), np.array([first[1], second[1]])
-
-
-def _frame_plane(image: Array, references: tuple[_Reference, _Reference], lens: tuple[Array, Array]) -> Plane | None:
+def _frame_plane(image: Array, references: tuple[_Reference, _Reference], lens: Lens) -> Plane | None:
     """The laser's plane in one frame from its lines on wall and table."""
     points = []
     for reference in references:

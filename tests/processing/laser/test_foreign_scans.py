@@ -75,19 +75,32 @@ def test_damaged_folder_is_named(tmp_path, damage):
 
 
 @with_sweep
-def test_hand_sweep_agrees_with_its_own_references():
-    """Points timed on wall and table lie on the planes of the printed rectangles, within the camera's pixel (2 mm).
-
-    The intrinsics' own error (1.0 px rms) leaves the corner a few degrees off a right angle.
-    """
-    result = laser_sweep(SWEEP / "input.gif", SWEEP / "intrinsics.xml")
+@pytest.mark.parametrize("intrinsics", [SWEEP / "intrinsics.xml", None], ids=["published", "of the rectangles"])
+def test_hand_sweep_agrees_with_its_own_references(intrinsics):
+    """Points timed on wall and table lie on the planes of the printed rectangles, within the camera's pixel (2 mm)."""
+    result = laser_sweep(SWEEP / "input.gif", intrinsics)
     assert np.isfinite(result.depth_m).sum() > 2000
     assert sum(plane is not None for plane in result.planes) >= 45
-    assert result.wall_rms_m < 3e-3
-    assert result.floor_rms_m < 3e-3
-    assert abs(result.corner_angle_rad - np.pi / 2) < np.radians(12)
+    assert result.wall_rms_m < 2e-3
+    assert result.floor_rms_m < 2e-3
     mug = result.depth_m[120:160, 190:215]
     assert np.nanmedian(mug) < np.nanmedian(result.depth_m[80:105, 150:180])  # the mug stands before the wall
+
+
+@with_sweep
+def test_published_intrinsics_contradict_the_rectangles():
+    """Wall and table, 82 deg apart by them, stand square by the rectangles' own camera, which nothing told to.
+
+    That camera also halves what the stripe's points leave over on the table.
+    """
+    published = laser_sweep(SWEEP / "input.gif", SWEEP / "intrinsics.xml")
+    own = laser_sweep(SWEEP / "input.gif", None)
+    assert published.own is not None
+    assert published.own.contradicts(published.fit)
+    assert abs(published.fit.corner_rad - np.pi / 2) > 4 * published.fit.corner_deviation_rad
+    assert abs(own.fit.corner_rad - np.pi / 2) < 3 * own.fit.corner_deviation_rad < np.radians(6)
+    assert own.floor_rms_m < 0.5 * published.floor_rms_m
+    assert own.wall_rms_m < published.wall_rms_m
 
 
 @with_sweep

@@ -20,8 +20,8 @@ _Point = tuple[float, float]
 _COLUMNS, _PANEL_IN = 3, (5.4, 3.5)
 # Told apart by all kinds of colour vision (Okabe and Ito 2008), but for black, which is ours.
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_OURS = ("#000000", "#777777", "#AAAAAA")
-_BOUND = "0.35"
+_OURS = ("#000000", "#888888")
+_BOUND, _REFERENCE = "0.35", "0.5"
 _WIDE = 8.0  # largest over smallest value from which an axis is logarithmic
 _ALL = 0.9  # share of values measured under which a point is hollow
 
@@ -30,40 +30,53 @@ def draw_curves(record: Path, picture: Path) -> bool:
     """Write the picture of a record's rows that name a `parameter`; whether there were any."""
     content = json.loads(record.read_text(encoding="utf-8"))
     rows = [row for row in content["rows"] if "parameter" in row]
-    if rows:
-        title = str(content["bench"]) + (" (quick)" if content.get("quick") else "")
-        curves_figure(title, rows).savefig(picture, dpi=120)
-    return bool(rows)
+    if not _panels(rows):
+        return False
+    title = str(content["bench"]) + (" (quick)" if content.get("quick") else "")
+    curves_figure(title, rows).savefig(picture, dpi=120)
+    return True
 
 
 def curves_figure(title: str, rows: Sequence[Row]) -> Figure:
-    """A panel per parameter: error over its value, a line per method, named at its end; the bound dashed.
+    """A panel per parameter that was varied: error over its value, a line per method, named at its end; bounds dashed.
 
     Our methods are black and grey, peers coloured, references (what is no method) dotted and dashed. A point is hollow
     where under nine tenths were `measured`.
     """
-    parameters = list(dict.fromkeys(str(row["parameter"]) for row in rows))
-    down = -(-len(parameters) // _COLUMNS)
-    across = min(len(parameters), _COLUMNS)
+    parts = {
+        part: [row for row in rows if row.get("part") == part] for part in dict.fromkeys(r.get("part") for r in rows)
+    }
+    looks = {part: _looks(found) for part, found in parts.items()}
+    panels = [(part, panel) for part, found in parts.items() for panel in _panels(found)]
+    down, across = -(-len(panels) // _COLUMNS), min(len(panels), _COLUMNS)
     layout = ConstrainedLayoutEngine(wspace=0.03, hspace=0.06)
     figure = Figure(figsize=(_PANEL_IN[0] * across, _PANEL_IN[1] * down), layout=layout)
     figure.suptitle(f"{title}: error over what was varied, dashed the bound, hollow where values are missing")
-    looks = _looks(rows)
     grid = figure.subplots(down, across, squeeze=False).ravel()
-    for letter, parameter, axes in zip(cycle(ascii_lowercase), parameters, grid, strict=False):
-        _draw_panel(axes, [row for row in rows if row["parameter"] == parameter], looks)
+    for letter, (part, panel), axes in zip(cycle(ascii_lowercase), panels, grid, strict=False):
+        _draw_panel(axes, panel, looks[part])
         axes.set_title(letter, loc="left", fontweight="bold")
-    for axes in grid[len(parameters) :]:
+    for axes in grid[len(panels) :]:
         axes.set_axis_off()
     return figure
 
 
+def _panels(rows: Sequence[Row]) -> list[list[Row]]:
+    """Rows of each parameter that was varied."""
+    panels = [[row for row in rows if row["parameter"] == name] for name in dict.fromkeys(r["parameter"] for r in rows)]
+    return [panel for panel in panels if len({row["value"] for row in panel}) > 1]
+
+
 def _looks(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
-    """One colour and line style for each method in all panels, in the order in which methods appear."""
+    """One colour and line style for each method in all panels of a part, in the order in which methods appear."""
     peers = chain(((colour, "-") for colour in _COLOURS), cycle((colour, ":") for colour in _COLOURS))
-    ours = cycle((colour, "-") for colour in _OURS)
-    kinds = {str(row["method"]): bool(row.get("peer")) for row in rows}
-    return {method: next(peers) if peer else next(ours) for method, peer in kinds.items()}
+    ours = chain(((colour, "-") for colour in _OURS), cycle((colour, ":") for colour in _OURS))
+    found: dict[str, tuple[str, str]] = {}
+    for row in rows:
+        if row["method"] not in found:
+            aside = (_REFERENCE, "-.") if row.get("reference") else None
+            found[str(row["method"])] = aside or next(peers if row.get("peer") else ours)
+    return found
 
 
 def _draw_panel(axes: Axes, rows: Sequence[Row], looks: Mapping[str, tuple[str, str]]) -> None:
@@ -119,7 +132,7 @@ def _short(value: float) -> str:
 def _draw_line(axes: Axes, line: Sequence[_Point], points: Sequence[Row], look: tuple[str, str]) -> None:
     (x, y), (colour, style) = zip(*line, strict=True), look
     if points[0].get("reference"):
-        axes.plot(x, y, "-.", color=colour, linewidth=1.3, zorder=5)
+        axes.plot(x, y, style, color=colour, linewidth=1.3, zorder=5)
         return
     peer = bool(points[0].get("peer"))
     axes.plot(x, y, style, color=colour, linewidth=1.3 if peer else 2.4, zorder=3 if peer else 4)

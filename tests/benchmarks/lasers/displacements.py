@@ -69,14 +69,25 @@ def run(*, quick: bool) -> Result:
 
 def _influences(optics: Optics, brick: Sequence[View]) -> list[Mapping[str, object]]:
     """Fewer locations; other exposures and frame rates; cameras that were calibrated."""
-    rows = [_product([view.fewer(count) for view in brick], "brick").rows[0] for count in (2, 4, 8, 13)]
-    exposures = [Recording(exposure_s=exposure_s) for exposure_s in (0.0075, 0.015, 0.03, 0.06)]
-    for recording in (*exposures, Recording(frame_rate_hz=3.75), Recording(frame_rate_hz=15.0)):
-        view = _scan(Scanner(optics, "cam4", "brick", STRIP), 8, recording)
-        rows.append(_product([view], "brick, a strip, cam4").rows[0])
+    rows = [
+        _varied(_product([view.fewer(count) for view in brick], "brick"), "laser locations of the MDF", count)
+        for count in (2, 4, 8, 13, 26)
+    ]
+    for exposure_s in (0.0075, 0.015, 0.03, 0.06):
+        view = _scan(Scanner(optics, "cam4", "brick", STRIP), 8, Recording(exposure_s=exposure_s))
+        rows.append(_varied(_product([view], "brick, a strip, cam4"), "exposure of the MDF in ms", 1e3 * exposure_s))
+    for rate_hz in (3.75, 7.5, 15.0):
+        view = _scan(Scanner(optics, "cam4", "brick", STRIP), 8, Recording(frame_rate_hz=rate_hz))
+        rows.append(_varied(_product([view], "brick, a strip, cam4"), "frames per second of the MDF", rate_hz))
     known = calibrated(optics)
     views = [_scan(Scanner(optics, camera, "brick", STRIP, known[camera]), 8) for camera in CAMERAS]
     return [*rows, _product(views, "brick, a strip, calibrated cameras").rows[0]]
+
+
+def _varied(product: Result, parameter: str, value: float) -> Mapping[str, object]:
+    """The whole MDF's row as a point of a line."""
+    whole = product.rows[0]
+    return {**whole, "parameter": parameter, "value": value, "unit": "µm", "measured": whole["completeness"]}
 
 
 def _samples(optics: Optics) -> list[Mapping[str, object]]:

@@ -75,7 +75,9 @@ def _sweep(source: Path, out: Path) -> Iterator[str]:
     found = laser_sweep(source, intrinsics if intrinsics.exists() else None)
     measured = np.isfinite(found.depth_m)
     yield (
-        f"{measured.mean():.1%} of the pixels measured; wall {found.wall_rms_m * 1e3:.2f} mm and table "
+        f"{measured.mean():.1%} of the pixels measured, {found.timed.mean():.1%} by their time, others by the stripe's "
+        f"ridge, {found.disagreement_m * 1e3:.2f} mm apart where both are; "
+        f"wall {found.wall_rms_m * 1e3:.2f} mm and table "
         f"{found.floor_rms_m * 1e3:.2f} mm from their planes, {_corner(found.fit)} between them"
     )
     if found.own is found.fit:

@@ -32,21 +32,27 @@ _SENSOR = Sensor(256.0, 4095.0, 1.0 / _CODE_DN, 3.0)  # palette pictures: about 
 _PULSE = PulseSettings(width_tolerance=0.5, double_fraction=0.6)  # a hand's speed varies
 _RIDGE_SIGMA_PX, _RIDGE_THRESHOLD = 1.2, 3.0
 _LINE_POINTS = 8
+_STEP_PX = 4.0  # of the stripe's column from row to row on one surface
 
 
 @dataclass(frozen=True)
 class HandSweep:
     """What a hand-held sweep measured, camera frame, metres.
 
-    `points_m` (h, w, 3) and `depth_m` (h, w) along the optical axis are NaN where no stripe passed; `picture` (h, w, 3)
-    uint8 is the scene without the stripe. `planes` holds the laser's plane per frame, None where a line is missing.
-    `wall_rms_m` and `floor_rms_m` are RMS distances of points measured on the rectangles from their planes. `fit` holds
-    camera and rectangles as used, with the angle between wall and table; `own` what the rectangles alone say of the
-    camera, to check a given one, None where they do not tell.
+    `points_m` (h, w, 3) and `depth_m` (h, w) along the optical axis are NaN where no stripe passed: by the pixel's peak
+    time, `timed` (h, w), and where that is missing, as at the sweep's ends, by the stripe's ridge in one frame.
+    `disagreement_m` is the robust RMS distance between both where both measured. `picture` (h, w, 3) uint8 is the scene
+    without the stripe. `planes` holds the laser's plane per frame, None where a line is missing.
+
+    `wall_rms_m` and `floor_rms_m` are RMS distances from the rectangles' planes of points timed on them; ridges there
+    make the laser's planes and prove nothing. `fit` holds camera and rectangles as used, with the angle between wall
+    and table; `own` what the rectangles alone say of the camera, to check a given one, None where they do not tell.
     """
 
     points_m: Array
     depth_m: NDArray[np.float32]
+    timed: NDArray[np.bool_]
+    disagreement_m: float
     picture: NDArray[np.uint8]
     peaks: PeakTimes
     wall: Plane
@@ -90,10 +96,14 @@ def laser_sweep(gif: Path, intrinsics: Path | None) -> HandSweep:
         raise ImageError(f"{gif}: the stripe crosses both rectangles in fewer than three frames.")
     raw_dn = np.clip(np.rint(red * _CODE_DN + _SENSOR.black_dn), 0, _SENSOR.white_dn).astype(np.uint16)
     peaks = peak_times(raw_dn, _SENSOR, _PULSE)
-    points = _cut(geometry.pixel_rays(_pixels(red.shape[1:]), *fit.lens, np.eye(4)), peaks, planes)
+    in_time = _cut(geometry.pixel_rays(_pixels(red.shape[1:]), *fit.lens, np.eye(4)), peaks, planes)
+    in_space = _ridge_points(red, planes, fit.lens)
+    timed = np.isfinite(in_time[..., 0])
+    points = np.where(timed[..., None], in_time, in_space)
     return HandSweep(
-        points, points[..., 2].astype(np.float32), picture, peaks, wall.plane, floor.plane, planes,
-        _rms(wall.plane.distance(points[wall.mask])), _rms(floor.plane.distance(points[floor.mask])), fit, own,
+        points, points[..., 2].astype(np.float32), timed, _rms(np.linalg.norm(in_time - in_space, axis=-1)), picture,
+        peaks, wall.plane, floor.plane, planes, _rms(wall.plane.distance(in_time[wall.mask])),
+        _rms(floor.plane.distance(in_time[floor.mask])), fit, own,
     )  # fmt: skip
 
 
@@ -172,6 +182,22 @@ def _cut(rays: Array, peaks: PeakTimes, planes: tuple[Plane | None, ...]) -> Arr
     with np.errstate(divide="ignore", invalid="ignore"):
         length = offset / np.einsum("ij,ij->i", normal, rays[measured])
     points[measured] = np.where(length > 0, length, np.nan)[:, None] * rays[measured]
+    return points
+
+
+def _ridge_points(red: Array, planes: tuple[Plane | None, ...], lens: Lens) -> Array:
+    """Points (h, w, 3) where the rays through each frame's ridge meet its plane, in the ridge points' own pixels."""
+    points = np.full((*red.shape[1:], 3), np.nan)
+    for image, plane in zip(red, planes, strict=True):
+        if plane is None:
+            continue
+        ridge = stripe_ridge(image, _RIDGE_SIGMA_PX, _RIDGE_THRESHOLD)
+        # A point of the stripe has another one near it in the next or the last row.
+        step = (np.diff(ridge.lines) <= 2) & (np.abs(np.diff(ridge.uv_px[:, 0])) < _STEP_PX)
+        kept = np.append(step, False) | np.insert(step, 0, False)
+        kept &= ridge.rival < 0.5 * ridge.strength
+        column, row = np.rint(ridge.uv_px[kept]).astype(int).T.clip(0, np.array(red.shape[:0:-1])[:, None] - 1)
+        points[row, column] = plane.cut(geometry.pixel_rays(ridge.uv_px[kept], *lens, np.eye(4)))
     return points
 
 

@@ -138,6 +138,7 @@ def _sweep_rows(gif, intrinsics) -> list[dict[str, object]]:
              "value": float(np.degrees(found.fit.corner_rad)),
              "our_sigma": float(np.degrees(found.fit.corner_deviation_rad)), "sides_px": found.fit.rms_px,
              "wall_mm": found.wall_rms_m * 1e3, "table_mm": found.floor_rms_m * 1e3,
-             "points": int(np.isfinite(found.depth_m).sum())}
+             "points": int(np.isfinite(found.depth_m).sum()), "timed": int(found.timed.sum()),
+             "time_to_ridge_mm": found.disagreement_m * 1e3}
         )  # fmt: skip
     return rows

@@ -79,7 +79,9 @@ def test_damaged_folder_is_named(tmp_path, damage):
 def test_hand_sweep_agrees_with_its_own_references(intrinsics):
     """Points timed on wall and table lie on the planes of the printed rectangles, within the camera's pixel (2 mm)."""
     result = laser_sweep(SWEEP / "input.gif", intrinsics)
-    assert np.isfinite(result.depth_m).sum() > 2000
+    assert result.timed.sum() > 2000
+    assert np.isfinite(result.depth_m).sum() > 1.3 * result.timed.sum()  # the sweep's two ends
+    assert result.disagreement_m < 2e-3
     assert sum(plane is not None for plane in result.planes) >= 45
     assert result.wall_rms_m < 2e-3
     assert result.floor_rms_m < 2e-3

@@ -249,15 +249,17 @@ def _beside(picture: Picture, ridge: Ridge, kept: NDArray[np.bool_], sigma_px: f
 
 def _drop_isolated(scan: Scan) -> None:
     """Take out points of which fewer than two of the eight neighbours (frame, scan line) lie nearby."""
-    points = np.pad(scan.points_m, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
-    inner = points[1:-1, 1:-1]
+    usual = [np.linalg.norm(np.diff(scan.points_m, axis=axis), axis=-1) for axis in (0, 1)]
+    medians = [float(np.nanmedian(steps)) for steps in usual if np.isfinite(steps).any()]
+    reach = _NEAR * max(medians, default=np.inf)
     frames, lines = scan.status.shape
-    steps = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
-    distance = np.stack(
-        [np.linalg.norm(points[1 + a : 1 + a + frames, 1 + b : 1 + b + lines] - inner, axis=-1) for a, b in steps]
-    )
-    usual = [np.nanmedian(side) for side in distance if np.isfinite(side).any()]
-    near = np.count_nonzero(distance < _NEAR * max(usual, default=np.inf), axis=0)
+    near = np.zeros((frames, lines), np.uint8)
+    for a, b in ((0, 1), (1, -1), (1, 0), (1, 1)):
+        ahead = slice(a, frames), slice(max(b, 0), lines + min(b, 0))
+        behind = slice(0, frames - a), slice(max(-b, 0), lines + min(-b, 0))
+        close = np.linalg.norm(scan.points_m[ahead] - scan.points_m[behind], axis=-1) < reach
+        near[ahead] += close
+        near[behind] += close
     alone = (scan.status == ScanStatus.MEASURED) & (near < (2 if frames > 1 else 1))
     scan.status[alone] = ScanStatus.ISOLATED
     for values in (scan.points_m, scan.deviation_m, scan.uv_px):

@@ -57,11 +57,11 @@ class View:
 
 
 def run(*, quick: bool) -> Result:
-    """All figures; quick on a strip of one view from eight locations."""
+    """All figures; quick on a strip of one view from six locations."""
     with tempfile.TemporaryDirectory() as folder:
         optics = Optics(SEED, "full", Path(folder))
         if quick:
-            return _product([_scan(Scanner(optics, "cam4", "brick", STRIP), 8)], "brick, a strip, cam4")
+            return _product([_scan(Scanner(optics, "cam4", "brick", STRIP), 6)], "brick, a strip, cam4")
         brick = [_scan(Scanner(optics, camera, "brick"), 26) for camera in CAMERAS]
         whole = _product(brick, "brick")
         return Result(whole.figures, [*whole.rows, *_influences(optics, brick), *_samples(optics), *_rigs(folder)])

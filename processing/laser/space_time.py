@@ -152,7 +152,8 @@ def _assemble(profiles: Profiles, fits: NDArray[np.float64]) -> PeakTimes:
     measured = grid[..., pulse.STATUS] == PeakStatus.OK
 
     def column(index: int) -> NDArray[np.float32]:
-        return np.where(measured, grid[..., index], np.nan).astype(np.float32)
+        with np.errstate(over="ignore"):  # what is less certain than single precision can say is not certain at all
+            return np.where(measured, grid[..., index], np.nan).astype(np.float32)
 
     return PeakTimes(
         column(pulse.TIME),

@@ -29,7 +29,7 @@ from simulators.optics import Optics
 from simulators.pose import Pose
 from tests.reference.stripe_rig import HOLDER, SENSOR, Rig, bump, camera_at, expose
 
-ELEVATIONS_DEG = (25, 50, 35, 60, 45)
+ELEVATIONS_DEG = (35, 65, 20, 50, 75)  # the mountings of the simulated unit
 FRAME_S, EXPOSURE_S, FRAMES = 1 / 7.5, 1 / 30, 94
 RIG_HOLDER = Holder(0.060, 0.076, 0.100, 0.008, 0.004, 0.003)
 

@@ -17,7 +17,7 @@ _MEGABYTE = 1e6
 class Forecast:
     """What a session will take. `step_s` has one entry per step; waiting for the operator is not included.
 
-    `frames` and `bytes` are those that are kept, so without test sweeps.
+    `frames` and `bytes` are those that are kept, so without test sweeps; bursts are compressed, to a quarter or a half.
     """
 
     steps: int

@@ -171,6 +171,14 @@ class Rig:
         return np.arctan2(down, level), np.hypot(down, level)
 
 
+class StoppingRig(Rig):
+    """The motor stands still for twelve frames in the middle."""
+
+    def fan(self, time):
+        time = np.asarray(time, float)
+        return super().fan(np.where(time < 40.0, time, np.maximum(time - 12.0, 40.0)) * 96 / 84)
+
+
 @njit(cache=True)
 def _stripe(pixels, moments, sigma, signal, slope):
     """Mean over each frame's moments of strength exp(-d^2 / (2 sigma^2)), d the distance from the plane."""

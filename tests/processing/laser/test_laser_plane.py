@@ -14,7 +14,7 @@ from processing.laser.holder import opening, reference_region, wanted_pixels
 from processing.laser.laser_plane import SweepStatus, fit_sweep, sweep_planes
 from processing.laser.space_time import PeakTimes
 from tests.reference import laser_range as twin
-from tests.reference.stripe_rig import HOLDER, Rig, camera_at, flat
+from tests.reference.stripe_rig import HOLDER, Rig, StoppingRig, camera_at, flat
 
 RIG = Rig(camera_at(60), flat(0.002))
 
@@ -166,15 +166,6 @@ def test_true_laser_is_found_within_its_uncertainty(reverse):
         assert sweep.status == SweepStatus.OK
         ratios.append((sweep.fan - TRUE) / sweep.deviation)
     assert np.mean(np.square(ratios)) < 2.56
-
-
-class StoppingRig(Rig):
-    """The motor stands still for twenty frames in the middle."""
-
-    def fan(self, time):
-        time = np.asarray(time, float)
-        turned = np.where(time < 40.0, time, np.maximum(time - 20.0, 40.0))
-        return super().fan(turned * 96 / 76)
 
 
 SWEEPS = {

@@ -31,10 +31,10 @@ _FREE = 4  # log focal length, centre / 100 px, k1
 class RectangleFit:
     """Both rectangles as one camera sees them, lengths in metres, camera frame.
 
-    `poses` are camera_from_rectangle (4, 4) of each, its centre line from the upper left corner. `rms_px` is the
-    distance of the sides' image points (undistorted) from the fit; these err together along a side: `independent` is
-    how many of them there are in effect. `deviation` (4,) is one sigma of focal length, centre column and row in
-    pixels, and k1: NaN where the camera was given. `corner_rad` is the angle between both planes.
+    `poses` are camera_from_rectangle (4, 4) of each, x along its width from the upper left corner. `rms_px` is the
+    distance of the sides' image points from the fit; these err together along a side: `independent` is how many of them
+    there are in effect. `deviation` (4,) is one sigma of focal length, centre column and row in pixels, and k1: NaN
+    where the camera was given. `corner_rad` is the angle between both planes.
     """
 
     lens: Lens
@@ -174,7 +174,10 @@ def _poses_at(values: Array) -> tuple[Array, Array]:
 def _residual(
     points: Array, owner: NDArray[np.intp], size_m: tuple[float, float], start: Lens
 ) -> Callable[[Array], Array]:
-    """Signed distances (n,) in undistorted pixels of the sides' points from the rectangles' sides."""
+    """Signed distances (n,) of the sides' points from the rectangles' sides.
+
+    In the picture as it is: in an undistorted one, a lens that shrinks it would seem to fit better.
+    """
     model = _model(size_m)
 
     def distances(values: Array) -> Array:
@@ -187,7 +190,11 @@ def _residual(
         along = np.concatenate([np.roll(four, -1, axis=0) for four in corners]) - begin
         normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
         straight = cv2.undistortPoints(points[:, None], matrix, distortion, P=matrix)[:, 0]
-        return np.asarray(np.einsum("ij,ij->i", straight - begin[owner], normal[owner]))
+        across = np.einsum("ij,ij->i", straight - begin[owner], normal[owner])
+        foot = (straight - across[:, None] * normal[owner] - matrix[:2, 2]) / matrix[[0, 1], [0, 1]]
+        ahead = np.concatenate([foot, np.ones((len(foot), 1))], axis=1)
+        seen = geometry.project(ahead, matrix, distortion, np.eye(4))
+        return np.asarray(np.einsum("ij,ij->i", points - seen, normal[owner]))
 
     return distances
 

@@ -3,8 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from processing import geometry
 from processing.errors import ImageError
@@ -46,17 +44,19 @@ def test_without_noise_the_rectangles_tell_the_camera():
     np.testing.assert_allclose(fit.poses[0], WALL, atol=2e-3)
 
 
-@given(st.integers(0, 10**6))
-@settings(max_examples=12, deadline=None)
-def test_deviations_hold_what_noise_does(seed):
-    """Five sigma: each of six values passes once in two million."""
-    fit = fit_rectangles(scene(0.2, seed), SIZE_M, SHAPE)
-    assert fit.rms_px == pytest.approx(0.2, rel=0.2)
-    found = np.array([fit.lens[0][0, 0], *fit.lens[0][:2, 2], fit.lens[1][0]])
-    assert (np.abs(found - [350, 157, 123, -0.4]) < 5 * fit.deviation).all()
-    assert abs(fit.corner_rad - TABLE_ON_WALL) < 5 * fit.corner_deviation_rad
-    assert (fit.deviation < [15, 10, 10, 0.05]).all()
-    assert not fit.contradicts(fit_rectangles(scene(0.2, seed), SIZE_M, SHAPE, (MATRIX, DISTORTION)))
+def test_deviations_hold_what_noise_does():
+    """Of twelve pictures: errors as large as stated, as 60 values tell; hardly one true camera contradicted."""
+    sigmas, contradicted = [], 0
+    for seed in range(12):
+        contours = scene(0.2, 2 * seed)
+        fit = fit_rectangles(contours, SIZE_M, SHAPE)
+        assert fit.rms_px == pytest.approx(0.2, rel=0.1)
+        found = np.array([fit.lens[0][0, 0], *fit.lens[0][:2, 2], fit.lens[1][0]])
+        corner = (fit.corner_rad - TABLE_ON_WALL) / fit.corner_deviation_rad
+        sigmas.append([*(found - [350, 157, 123, -0.4]) / fit.deviation, corner])
+        contradicted += fit.contradicts(fit_rectangles(contours, SIZE_M, SHAPE, (MATRIX, DISTORTION)))
+    assert 0.6 < np.sqrt(np.mean(np.square(sigmas))) < 1.4
+    assert contradicted <= 1
 
 
 @pytest.mark.parametrize(("row", "k1"), [(98.0, -0.4), (123.0, -0.25), (98.0, -0.25)])

@@ -39,28 +39,6 @@ def fan_angle(fan: Fan, points_m: Array) -> Array:
     return np.asarray(np.arctan2(towards @ up, towards @ level))
 
 
-def fan_gradient(fan: Fan, points_m: Array) -> Array:
-    """Derivatives (n, 4) of the angle of points (n, 3) by the parameters."""
-    slopes = np.empty((len(points_m), 4))
-    _gradient(fan_frame(fan), np.ascontiguousarray(points_m, np.float64), slopes)
-    return slopes
-
-
-def fan_distance(fan: Fan, points_m: Array) -> Array:
-    """Distance (...) in metres of points (..., 3) from the fan's axis."""
-    source, level, up = fan_source(fan)
-    towards = source - points_m
-    return np.asarray(np.hypot(towards @ up, towards @ level))
-
-
-@njit(cache=True)
-def _gradient(frame: Array, points: Array, slopes: Array) -> None:
-    for i in range(len(points)):
-        slopes[i, 0], slopes[i, 1], slopes[i, 2], slopes[i, 3], _ = angle_slopes(
-            frame, points[i, 0], points[i, 1], points[i, 2]
-        )
-
-
 @njit(inline="always")
 def angle_slopes(frame: Array, px: float, py: float, pz: float) -> tuple[float, float, float, float, float]:
     """Derivatives of a point's angle by the four parameters, and the point's squared distance from the axis.

@@ -64,12 +64,6 @@ def wanted_pixels(camera: CameraModel, rig_from_sample: Array, holder: Holder, s
     return np.asarray(_parts(camera, rig_from_sample, holder, source_m)[0] != holder_kernel.NOTHING)
 
 
-def opening(camera: CameraModel, rig_from_sample: Array, holder: Holder) -> NDArray[np.bool_]:
-    """Pixels (h, w) whose rays enter the sample's opening through the reference plane."""
-    anywhere = np.array([0.0, 0.0, 1.0])
-    return np.asarray(_parts(camera, rig_from_sample, holder, anywhere)[0] == holder_kernel.OPENING)
-
-
 def _parts(
     camera: CameraModel, rig_from_sample: Array, holder: Holder, source_m: Array
 ) -> tuple[NDArray[np.uint8], Array]:

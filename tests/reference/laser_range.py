@@ -3,7 +3,7 @@
 import numpy as np
 
 from processing import geometry
-from processing.laser.fan import fan_angle, fan_distance
+from processing.laser.fan import fan_angle, fan_source
 from processing.laser.holder import plane_hits
 
 NOTHING, UPPER, LOWER, OPENING = range(4)
@@ -28,6 +28,11 @@ def holder_parts(camera, rig_from_sample, holder, source_m):
     return np.where(at_upper < holder.sample_m / 2, OPENING, part)
 
 
+def opening(camera, rig_from_sample, holder):
+    """Pixels (h, w) whose rays enter the sample's opening through the reference plane."""
+    return _ring(plane_hits(camera, 0.0), rig_from_sample) < holder.sample_m / 2
+
+
 def _ring(points, rig_from_sample):
     local = geometry.transform_points(geometry.invert(rig_from_sample), points)
     return np.abs(local[..., :2]).max(axis=-1)
@@ -38,6 +43,12 @@ def fan_slopes(fan, points):
     step = 1e-5
     rises = [fan_angle(fan + s, points) - fan_angle(fan - s, points) for s in step * np.eye(4)]
     return np.stack(rises, axis=-1) / (2 * step)
+
+
+def fan_distance(fan, points):
+    """Distance (...) in metres of points (..., 3) from the fan's axis."""
+    source, level, up = fan_source(fan)
+    return np.linalg.norm(np.stack([(source - points) @ level, (source - points) @ up]), axis=0)
 
 
 def cut_rays(times, variances, camera, sample, sweep):

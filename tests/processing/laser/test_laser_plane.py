@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from processing import geometry
 from processing.laser.even_spline import abscissae, basis, even_knots, locate, spline_on, value_and_slope
-from processing.laser.fan import fan_angle, fan_distance, fan_gradient, fan_source
-from processing.laser.holder import opening, reference_region, wanted_pixels
+from processing.laser.fan import angle_slopes, fan_angle, fan_frame, fan_source
+from processing.laser.holder import reference_region, wanted_pixels
 from processing.laser.laser_plane import SweepStatus, fit_sweep, sweep_planes
 from processing.laser.space_time import PeakTimes
 from tests.reference import laser_range as twin
@@ -47,7 +47,7 @@ def test_reference_points_are_where_the_rays_hit():
         assert (region.height == 2).sum() > 200
         np.testing.assert_allclose(region.points_m[chosen], hits[chosen], atol=1e-8)
         assert rig.lit(hits)[chosen].all()
-        assert not (chosen & opening(rig.camera, rig.rig_from_sample, HOLDER)).any()
+        assert not (chosen & twin.opening(rig.camera, rig.rig_from_sample, HOLDER)).any()
 
 
 VIEWS = (
@@ -63,10 +63,10 @@ def test_every_pixel_sees_the_part_that_the_twin_sees(rig):
     """But for the few whose way passes an edge between two of the twin's steps."""
     view = (rig.camera, rig.rig_from_sample, HOLDER, rig.source)
     expected = twin.holder_parts(*view)
-    height, sample = reference_region(*view).height, opening(*view[:3])
-    np.testing.assert_array_equal(sample, expected == twin.OPENING)
-    assert np.mean(np.where(sample, twin.OPENING, height) != expected) < 2e-4
-    np.testing.assert_array_equal(wanted_pixels(*view), (height > 0) | sample)
+    height, wanted = reference_region(*view).height, wanted_pixels(*view)
+    np.testing.assert_array_equal(wanted & (height == 0), expected == twin.OPENING)
+    assert wanted[height > 0].all()
+    assert np.mean(np.where(wanted & (height == 0), twin.OPENING, height) != expected) < 2e-4
 
 
 def test_a_camera_of_one_row_knows_no_footprint():
@@ -81,9 +81,10 @@ def test_a_camera_of_one_row_knows_no_footprint():
     st.tuples(*[st.floats(-0.05, 0.05)] * 3),
 )
 def test_gradient_of_the_fan_angle(fan, point):
-    """To the error of central differences."""
-    points = np.array([point, (0.0, 0.0, 0.0)])
-    np.testing.assert_allclose(fan_gradient(fan, points), twin.fan_slopes(fan, points), rtol=1e-6, atol=1e-7)
+    """To the error of central differences; the squared distance from the axis comes with it."""
+    *slopes, square = angle_slopes.py_func(fan_frame(fan), *point)
+    np.testing.assert_allclose(slopes, twin.fan_slopes(fan, np.array([point]))[0], rtol=1e-6, atol=1e-7)
+    assert np.sqrt(square) == pytest.approx(twin.fan_distance(fan, np.array(point)))
 
 
 @settings(max_examples=30, deadline=None)
@@ -109,7 +110,7 @@ def test_fan_is_the_plane_through_source_and_point():
     angle = fan_angle(TRUE, point)
     normal = np.sin(angle) * level - np.cos(angle) * up
     assert abs((point - source) @ normal) < 1e-12
-    assert fan_distance(TRUE, point) == pytest.approx(0.8, abs=0.03)
+    assert twin.fan_distance(TRUE, point) == pytest.approx(0.8, abs=0.03)
 
 
 @settings(max_examples=40, deadline=None)
@@ -126,7 +127,9 @@ def test_all_points_of_a_fan_plane_have_its_angle(fan, point, along):
     for other in (point + along * axis, source + (1.5 + along) * (point - source)):
         assert fan_angle(fan, other) == pytest.approx(fan_angle(fan, point), abs=1e-9)
         towards = source - other
-        assert fan_distance(fan, other) == pytest.approx(np.linalg.norm(towards - (towards @ axis) * axis), abs=1e-12)
+        assert twin.fan_distance(fan, other) == pytest.approx(
+            np.linalg.norm(towards - (towards @ axis) * axis), abs=1e-12
+        )
 
 
 @settings(max_examples=10, deadline=None)

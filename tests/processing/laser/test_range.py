@@ -7,7 +7,6 @@ import pytest
 
 from processing import geometry
 from processing.errors import ImageError
-from processing.laser.holder import opening
 from processing.laser.laser_plane import SweepStatus
 from processing.laser.mdf import Sweep, measure_sweep
 from processing.laser.range_image import RangeStatus, range_image
@@ -29,7 +28,7 @@ def ratio(result, true):
 
 def completeness(rig, result, true):
     """Share of the pixels on the sample which the laser reaches that were measured."""
-    reached = opening(rig.camera, rig.rig_from_sample, HOLDER) & np.isfinite(true)
+    reached = twin.opening(rig.camera, rig.rig_from_sample, HOLDER) & np.isfinite(true)
     return np.mean(result.image.status[reached] == RangeStatus.MEASURED)
 
 
@@ -153,7 +152,7 @@ def test_shadow_stays_a_hole():
     rig = Rig(camera_at(60), step, azimuth_deg=180.0)
     frames, true = shoot(rig)
     result = measure(rig, frames)
-    shaded = opening(rig.camera, rig.rig_from_sample, HOLDER) & np.isnan(true)
+    shaded = twin.opening(rig.camera, rig.rig_from_sample, HOLDER) & np.isnan(true)
     assert shaded.sum() > 50
     assert np.mean(result.image.status[shaded] == RangeStatus.NO_PEAK) > 0.98
 
@@ -169,7 +168,7 @@ def test_a_ghost_stripe_makes_holes_not_points():
     """A second laser plane as bright as the first, twenty frames late: no pixel gives a depth from it."""
     rig = Rig(camera_at(60), flat(0.002))
     frames, true = shoot(rig)
-    inside = opening(rig.camera, rig.rig_from_sample, HOLDER)
+    inside = twin.opening(rig.camera, rig.rig_from_sample, HOLDER)
     ghost = np.where(inside, np.roll(frames, 20, axis=0), 256)
     result = measure(rig, np.maximum(frames, ghost))
     early = inside & np.isfinite(true) & (result.peaks.status == PeakStatus.DOUBLE)

@@ -1,4 +1,4 @@
-"""A small forward model of a scanner: a fixed camera, a fixed laser plane, a sphere or a stepped block that moves.
+"""A small forward model of a scanner: a fixed camera, a fixed laser plane, a sphere, a cylinder or a stepped block that moves.
 
 Rays are cut with surfaces in closed form; a surface point shines by its distance from the laser's plane. Camera frame,
 metres. It shares nothing with processing but the setup that it is given.
@@ -46,6 +46,23 @@ class Ball:
 
     def distance(self, points):
         return np.linalg.norm(points - np.array(self.centre_m), axis=-1) - self.radius_m
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Upright beside the object frame's z axis, without ends."""
+
+    centre_m: tuple = (0.008, -0.004)
+    radius_m: float = 0.03
+
+    def cut(self, start, rays):
+        flat, to = rays[..., :2], start[:2] - np.array(self.centre_m)
+        square, along = (flat**2).sum(axis=-1), flat @ to
+        root = along**2 - square * (to @ to - self.radius_m**2)
+        return np.where(root > 0, (-along - np.sqrt(np.abs(root))) / square, np.inf)
+
+    def distance(self, points):
+        return np.linalg.norm(points[..., :2] - np.array(self.centre_m), axis=-1) - self.radius_m
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from processing.laser.plane_fit import Plane
 from processing.laser.profile_scan import ScanStatus, scan_profiles
 from processing.laser.scan_check import check_motion, merged_points, pass_disagreement
 from processing.laser.stripe import LaserColour
-from tests.reference.profile_rig import AXIS_M, SLIDE, TURN, Ball, Step, setup, take_all
+from tests.reference.profile_rig import AXIS_M, SLIDE, TURN, Ball, Cylinder, Step, setup, take_all
 
 
 def matt(points):
@@ -71,6 +71,16 @@ def test_a_slid_ball_is_round():
     error = errors(scan, shape)
     assert len(error) > 1000
     assert np.median(np.abs(error)) < 0.05e-3
+
+
+def test_a_turned_cylinder_is_straight_and_round():
+    """A matt one, from all directions: a twentieth of a millimetre at the median, no bias along its axis."""
+    coarse = setup(replace(TURN, step_rad=5 * TURN.step_rad))
+    scan = scan_profiles(take_all(coarse, Cylinder(), 12, albedo=matt), coarse)
+    error, height = errors(scan, Cylinder()), scan.points_m[scan.status == ScanStatus.MEASURED][:, 2]
+    assert len(error) > 1500
+    assert np.median(np.abs(error)) < 0.05e-3
+    assert abs(np.polyfit(height, error, 1)[0]) < 1e-3
 
 
 def test_a_stripe_along_rows_is_scanned_along_columns(ball, scanned):

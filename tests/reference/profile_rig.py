@@ -1,4 +1,4 @@
-"""A small forward model of a scanner: a fixed camera, a fixed laser plane, a sphere, a cylinder or a stepped block that moves.
+"""A small forward model of a scanner: a fixed camera and laser plane, a sphere, cylinder or stepped block that moves.
 
 Rays are cut with surfaces in closed form; a surface point shines by its distance from the laser's plane. Camera frame,
 metres. It shares nothing with processing but the setup that it is given.

@@ -84,7 +84,7 @@ def _two_surfaces(samples: Samples) -> list[_Models]:
         return answers
     label, there = np.where(above[torn], 1.0, -1.0), samples.chosen(torn)
     together = 0.5 * (1.0 + label[:, :, None] * label[:, None])
-    level = _label_level(there, label) / _EDGE
+    level = edge_level(there.offset, label, there.measured) / _EDGE
     found = _regress(there, together, [0.5 + 0.5 * label, 0.5 - 0.5 * label])
     for answer, side, chance in zip(answers, found, (log_ndtr(level), log_ndtr(-level)), strict=True):
         answer.mean[torn], answer.variance[torn] = side.mean, side.variance
@@ -103,10 +103,14 @@ def _split(samples: Samples) -> tuple[Mask, Array]:
     return above, np.take_along_axis(steps, place, axis=1)[:, 0]
 
 
-def _label_level(samples: Samples, label: Array) -> Array:
-    """Height (n,) at the place of a plane through labels of +-1, nearer samples counting more: 0 on a straight edge."""
-    weight = np.where(samples.measured, np.exp(-0.5 * (samples.offset**2).sum(axis=-1)), 0.0)
-    basis = np.concatenate([np.ones((*label.shape, 1)), samples.offset], axis=-1)
+def edge_level(offset: Array, label: Array, known: Mask) -> Array:
+    """About how far (n,) places lie, in sample spacings, on the side labelled 1 of the edge between labels 1 and -1.
+
+    The height of a plane through the labels (n, k) of the `known` samples at `offset` (n, k, 2), near ones counting
+    more; it saturates at 1.
+    """
+    weight = np.where(known, np.exp(-0.5 * (offset**2).sum(axis=-1)), 0.0)
+    basis = np.concatenate([np.ones((*label.shape, 1)), offset], axis=-1)
     normal = np.einsum("nki,nk,nkj->nij", basis, weight, basis) + 1e-3 * np.eye(3)
     moment = np.einsum("nki,nk,nk->ni", basis, weight, label)
     return np.asarray(np.linalg.solve(normal, moment[..., None])[:, 0, 0])

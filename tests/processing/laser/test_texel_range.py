@@ -81,3 +81,26 @@ def test_what_is_not_seen_is_missing():
     assert np.isfinite(found[~outside]).all()
     for nothing in (np.full((20, 20), np.nan), np.full((1, 1), np.nan)):
         assert np.isnan(texel_displacement(nothing, nothing, uv, PITCH_M)[0]).all()
+
+
+def test_what_lies_between_yarns_is_not_bridged():
+    """A slit two pixels wide in which nothing was measured, though four pixels wide surfaces lie on both sides."""
+    rng = np.random.default_rng(4)
+    image, _ = wavy(60, 5e-6, rng)
+    slit = np.arange(60) % 6 < 2
+    image[:, slit] = np.nan
+    uv = grid(70, 0.8, 2.0)
+    found, _ = texel_displacement(image, np.full(image.shape, 25e-12), uv, PITCH_M)
+    place = (uv[..., 0] + 0.5) % 6  # 0 to 2 in the slit
+    assert np.isnan(found[(place > 0.2) & (place < 1.8)]).all()
+    assert np.isfinite(found[(place > 2.7) & (place < 5.3)]).all()
+
+
+def test_single_missing_pixels_are_no_hole():
+    rng = np.random.default_rng(5)
+    image, surface = wavy(60, 5e-6, rng)
+    image[5::6, 3::6] = np.nan
+    uv = grid(60, 0.8, 4.0)
+    found, _ = texel_displacement(image, np.full(image.shape, 25e-12), uv, PITCH_M)
+    assert np.isfinite(found).all()
+    assert np.abs(found - surface(uv)).max() < 60e-6

@@ -7,11 +7,17 @@ import numpy as np
 import pytest
 
 from tests.benchmarks import laser
-from tests.benchmarks.lasers import steps
+from tests.benchmarks.lasers import pulses, steps
 from tests.benchmarks.yardsticks.stripe_peers import PEERS
 from tests.reference.stripe_cards import CELLS, Card, noise_covariance, range_bound_m, time_bound
 
-FIGURES = {"gain_over_argmax", "albedo_step_error_reduction"}
+FIGURES = {
+    "peak_time_rmse_over_crb", "peak_time_rmse_over_crb_saturated", "peak_outliers", "sigma_t0_calibration",
+    "stage1_bandwidth_share", "full_gpx_frames_per_s", "full_speedup_vs_numpy_parabola",
+    "gain_over_argmax", "albedo_step_error_reduction", "plane_angle_error_deg", "displacement_rmse_over_bound",
+    "weights_paper_rmse", "weights_variance_rmse", "displacement_rms_um", "completeness", "false_point_share",
+    "mdf_within_one_code_step",
+}  # fmt: skip
 ERRORS = ("error", "median", "p95", "largest")
 
 
@@ -155,6 +161,25 @@ def test_rows_are_json_with_sorted_errors():
         if row["error"] is not None:
             assert row["median"] <= row["p95"] <= row["largest"]
             assert row["error"] <= row["largest"]
+
+
+@pytest.mark.parametrize("width", pulses.WIDTHS)
+def test_the_bound_of_bright_pulses_is_the_closed_one(width):
+    """Width over the root of the number of photo-electrons; background and read noise take two percent."""
+    many = np.sqrt(2 * np.pi) * width * 14000.0
+    found = pulses.bound(np.linspace(29, 31, 50), width, 14000.0)
+    np.testing.assert_allclose(np.sqrt(np.mean(found**2)), width / np.sqrt(many), rtol=0.03)
+
+
+@pytest.mark.parametrize("height_e", [1000.0, pulses.CLIPPED * pulses.SENSOR.saturation_e])
+def test_pulses_are_timed_at_the_bound_and_by_no_other_better(height_e):
+    """4000 pulses tell an RMS to 1.1 %."""
+    ours, *peers = pulses.compare(1.5, height_e, 4000)
+    assert ours["measured"] > 0.998
+    assert 0.95 < ours["error"] < 1.06
+    assert 0.95 < ours["over_its_sigma"] < 1.06
+    assert ours["outliers"] == 0
+    assert all(peer["error"] > ours["error"] for peer in peers)
 
 
 @pytest.mark.long

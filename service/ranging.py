@@ -21,6 +21,7 @@ from service.pictures import STILL, save_stripes
 from service.scan_file import open_scan
 
 INTRINSICS = "intrinsics.xml"
+SCAN, CALIBRATION = "scan.toml", "Calib_Results.mat"
 CLOUDS = (".ply", ".glb")
 _SLIPPED = 20.0  # sigmas between two turns from which on noise is no excuse
 
@@ -29,7 +30,7 @@ Colours = NDArray[np.uint8]
 
 
 def measure_displacement(source: Path, out: Path, track: Track = lambda items: items) -> Iterator[str]:
-    """Range of a folder of stripe photographs, a hand-swept animation or a described scan (.toml).
+    """Range of a folder of stripe photographs, a hand-swept animation or a described scan (.toml, or its folder).
 
     `out` is the depth picture or the point cloud; the other one lies beside it, a cloud as PLY. `track` passes frame
     numbers on, for a progress bar. Nothing is written where something is wrong. Raises ImageError, CalibrationError,
@@ -37,9 +38,11 @@ def measure_displacement(source: Path, out: Path, track: Track = lambda items: i
     """
     if out.suffix.lower() not in (*STILL, *CLOUDS):
         raise ImageError(f"{out}: a picture is one of {', '.join(STILL)}, a point cloud one of {', '.join(CLOUDS)}.")
-    kind = source.suffix.lower()
     if source.is_dir():
-        yield from _stripes(laser_chessboard(source), out)
+        source = _described(source)
+    kind = source.suffix.lower()
+    if kind == ".mat":
+        yield from _stripes(laser_chessboard(source.parent), out)
     elif kind == ".gif":
         yield from _sweep(source, out)
     elif kind == ".toml":
@@ -48,6 +51,17 @@ def measure_displacement(source: Path, out: Path, track: Track = lambda items: i
         raise ImageError(
             f"{source}: a folder of laser-line photographs, the .gif of a sweep or the .toml of a scan is needed."
         )
+
+
+def _described(folder: Path) -> Path:
+    """The file that says what a folder's pictures are. Raises ImageError where there is none."""
+    for name in (SCAN, CALIBRATION):
+        if (folder / name).exists():
+            return folder / name
+    raise ImageError(
+        f"{folder}: neither {CALIBRATION}, of photographs of the line on a chessboard, nor {SCAN}, of a turning or "
+        "sliding object, is in it; docs/range-of-your-own-images.md says what they hold."
+    )
 
 
 def _stripes(found: LaserChessboard, out: Path) -> Iterator[str]:

@@ -123,6 +123,13 @@ def test_pictures_that_do_not_fit_are_refused(ball, tmp_path, changes, said):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_is_what_lies_in_it(ball, tmp_path):
+    lines = list(measure_displacement(ball, tmp_path / "ball.png"))
+    assert lines[0].startswith("12 frames")
+    with pytest.raises(ImageError, match=r"neither Calib_Results\.mat, .* nor scan\.toml"):
+        list(measure_displacement(tmp_path, tmp_path / "a.png"))
+
+
 def test_absent_and_unknown_files_are_refused(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         list(measure_displacement(tmp_path / "absent.toml", tmp_path / "a.png"))

@@ -12,6 +12,7 @@ all of them could reach it.
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -82,14 +83,11 @@ def smooth_cap(number: int, scale: float = 1.0, frames: int = 96) -> Located:
 def brick(number: int, seed: int = 1, size: str = "small", camera: str = "cam4") -> Located:
     """The simulated rig's brick, lit from a location that its own mountings' errors displace."""
     azimuth, elevation = np.radians(location(number))
-    with tempfile.TemporaryDirectory() as folder:
-        optics = Optics(seed, size, Path(folder))
-        laser, device, unit = optics.layout.laser, optics.layout.cameras[camera], optics.sensor(camera)
-        angle = _motion(laser, elevation, (seed, number))
-        poses = [_pose(angle, frame, azimuth, elevation) for frame in range(FRAMES)]
-        still = optics.rate(camera, poses[0])
-        light = np.stack([optics.laser_rate(camera, pose) for pose in poses])
-        points = np.load(optics.truth("points", poses[0], camera=camera)["path"])
+    optics, still, points = _world(seed, size, camera)
+    laser, device, unit = optics.layout.laser, optics.layout.cameras[camera], optics.sensor(camera)
+    angle = _motion(laser, elevation, (seed, number))
+    poses = [_pose(angle, frame, azimuth, elevation) for frame in range(FRAMES)]
+    light = np.stack([optics.laser_rate(camera, pose) for pose in poses])
     keys = [(seed, "located", number, frame) for frame in range(FRAMES)]
     raw_dn = np.stack([unit.expose(still + part, EXPOSURE_S, key) for part, key in zip(light, keys, strict=True)])
     sensor = Sensor(256.0, 4095.0, unit.sensor.gain_e_per_dn, unit.sensor.read_noise_e)
@@ -105,6 +103,16 @@ def brick(number: int, seed: int = 1, size: str = "small", camera: str = "cam4")
     true_elevation, distance_m = laser.mounting(elevation)
     fan = np.array([true_elevation, distance_m, azimuth, 0.0])
     return Located(sweep, RIG_HOLDER, np.where(lit, depth, np.nan), bound, fan, angle)
+
+
+@lru_cache(maxsize=1)
+def _world(seed, size, camera):
+    """The simulated rig, what the camera sees without the laser, and where (h, w, 3): the same for all locations."""
+    dark = Pose("brick", 0, 0.0, 0.0, 0.0, (), 0.0, False, None)
+    with tempfile.TemporaryDirectory() as folder:
+        optics = Optics(seed, size, Path(folder))
+        points = np.load(optics.truth("points", dark, camera=camera)["path"])
+    return optics, optics.rate(camera, dark), points
 
 
 def _motion(laser, elevation, key):

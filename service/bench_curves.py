@@ -126,7 +126,7 @@ def _places(axes: Axes, values: Sequence[float | str]) -> Mapping[float | str, f
 
 
 def _short(value: float) -> str:
-    return f"{value:g}" if value < 1e3 else f"{value / 1e3:g}k"
+    return f"{value:g}" if value < 1e3 else f"{value / 1e3:.3g}k"
 
 
 def _draw_line(axes: Axes, line: Sequence[_Point], points: Sequence[Row], look: tuple[str, str]) -> None:

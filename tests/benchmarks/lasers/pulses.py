@@ -34,7 +34,7 @@ def run(*, quick: bool) -> Result:
     figures = {
         "peak_time_rmse_over_crb": max(row["error"] for row in ours),
         "peak_time_rmse_over_crb_saturated": max(row["error"] for row in saturated),
-        "peak_outliers": max(row["outliers"] for row in ours if row["height_e"] == HEIGHTS_E[0]),
+        "peak_outliers": max(row["outliers"] for row in ours if row["value"] == HEIGHTS_E[0]),
         "sigma_t0_calibration": calibration,
     }
     speed, speed_rows = sweep_speed(turns=3 if quick else 8)
@@ -56,7 +56,8 @@ def compare(width: float, height_e: float, pulses: int) -> list[dict[str, object
     peaks = peak_times(mosaic, SENSOR)
     seconds = (time.perf_counter() - begun_s) * frames.size / mosaic.size
     error = np.where(peaks.status[0] == PeakStatus.OK, peaks.time_frames[0] - middles, np.nan)
-    about = {"size": f"{width:g} frames, {height_e:.0f} e-", "width": width, "height_e": height_e, "bound": 1.0}
+    about = {"parameter": f"electrons of a pulse, sigma {width:g} frames", "value": height_e, "bound": 1.0,
+             "unit": "bounds"}  # fmt: skip
     own = float(np.sqrt(np.nanmean(error**2 / peaks.variance[0])))
     rows = [about | _row("ours", seconds, error, deviation) | {"over_its_sigma": own}]
     for peer in (peer for peer in PEERS if not (peer.slow or peer.in_space)):

@@ -130,6 +130,23 @@ def test_a_flash_is_no_stripe(scene):
     assert_consistent(result)
 
 
+LAMPS = {
+    "switched on brightly": 3000.0 * (NUMBERS >= 48),
+    "turned up": 2000.0 * NUMBERS / FRAMES,
+    "flickering": 300.0 * np.random.default_rng(8).random(FRAMES),
+}
+
+
+@pytest.mark.parametrize("lamp_e", LAMPS.values(), ids=LAMPS.keys())
+def test_a_lamp_that_moves_during_a_sweep_makes_nothing_surely_wrong(scene, lamp_e):
+    """Up to a third of the stripe on white, more than the stripe where it is not red: true variances, or no numbers."""
+    result = scene.measure(scene.frames(scene.light_e + lamp_e[:, None, None]))
+    errors = scene.normalised(result)
+    assert_consistent(result)
+    assert np.count_nonzero(np.abs(errors) > 5) <= 0.005 * len(errors)
+    assert len(errors) < 100 or rms(errors) < 1.2
+
+
 # ---- frames and times ---------------------------------------------------------------------------------------------
 
 LOST = {"one": [48], "five": [20, 40, 41, 60, 77], "ten in a row": list(range(40, 50))}

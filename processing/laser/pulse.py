@@ -11,101 +11,136 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from processing.laser.block_maxima import AROUND, BLOCK, WINDOW
+
 TIME, VARIANCE, AMPLITUDE, AMPLITUDE_VARIANCE, BACKGROUND, WIDTH, STATUS, COST = range(8)
 FIELDS = 8
 UNWANTED = -2  # in place of the brightest frame of a pixel outside the mask
 OK, TOO_DARK, CUT_OFF, DOUBLE, SATURATED, DISTORTED, NOT_WANTED = range(7)
+LEAST_TOLERANCE = 1e-6  # of the width's logarithm: a fixed width
 
 _ITERATIONS = 25
 _TOLERANCE = 1e-3  # of the time's own sigma; the same share of amplitude and width, times ten
 _GROWTH = 2.0  # a pulse wider than this many common widths (or e^3 tolerance), or as much narrower, is none
+SCATTER = 5.0  # sigmas of chi square beyond which the samples beside a pulse scatter more than their noise
+ASIDE = 2.8  # widths from the peak where these begin
 
-_Pixels = tuple[NDArray[np.uint16], NDArray[np.int32], NDArray[np.uint16], NDArray[np.uint64]]
 _Vector = NDArray[np.float64]
-_Camera = tuple[float, float, float, float]  # black_dn, gain_e_per_dn, dark variance, saturation (e)
-_About = tuple[float, float, float, float, float, float]  # peak, B, frames behind B, second peak (e), first, last time
+# frames (t, pixels), number of their first row (pixels,), brightest frame, highest samples (3, pixels: of all, outside
+# the window, outside the short one), sum of frames, change of the ambient light relative to its mean (n,) or empty,
+# times (n,)
+Sweep = tuple[
+    NDArray[np.uint16],
+    NDArray[np.int32],
+    NDArray[np.int32],
+    NDArray[np.uint16],
+    NDArray[np.uint64],
+    NDArray[np.float32],
+    _Vector,
+]
+Camera = tuple[float, float, float, float]  # black_dn, gain_e_per_dn, dark variance (e2), saturation (e)
+Width = tuple[float, float, float]  # common width in frames, one sigma of its logarithm, half of the fitted span
+Limits = tuple[float, float]  # significance of the amplitude, height of another peak that spoils, relative
+Settings = tuple[Camera, Width, Limits]
+_About = tuple[float, float, float, float, float, float]  # peak, B, frames behind B, far peak (e), first, last time
 _Model = tuple[float, float, float, float, float, float]  # dark, saturation, B, its weight, log w, its weight
 
 
 @njit(nogil=True, cache=True)
-def fit_pulses(
-    pixels: _Pixels,
-    times: _Vector,
-    camera: _Camera,
-    width: tuple[float, float, float],
-    limits: tuple[float, float],
-    out: _Vector,
-) -> None:
-    """Fit every pixel of `pixels` (window_dn, brightest, second_dn, total_dn of Profiles) into `out` (pixels, FIELDS).
-
-    `camera`: black_dn, gain_e_per_dn, dark variance (e2), saturation (e). `width`: common width in frames, one sigma of
-    its logarithm, half length of the fitted span in frames. `limits`: significance, double fraction.
-    Columns of `out` are TIME, VARIANCE, ... ; where a pixel has no pulse the numbers are NaN or mean nothing.
-    """
-    window, brightest, second, total = pixels
-    samples, moments = np.empty(window.shape[1]), np.empty(window.shape[1])
-    growth = max(math.log(_GROWTH), 3.0 * width[1])
-    for pixel in range(window.shape[0]):
-        row = out[pixel]
-        row[:] = np.nan
-        row[AMPLITUDE], row[STATUS] = 0.0, TOO_DARK
-        if brightest[pixel] < 0:
-            row[STATUS] = NOT_WANTED if brightest[pixel] == UNWANTED else TOO_DARK
-            continue
-        count, summed_dn = _gather(window[pixel], brightest[pixel], times, camera, samples, moments)
-        if count < 4:
-            row[STATUS] = CUT_OFF
-            continue
-        others = times.size - count
-        background = samples[:count].min()
-        if others >= 4:
-            background = ((total[pixel] - summed_dn) / others - camera[0]) * camera[1]
-        second_e = (second[pixel] - camera[0]) * camera[1]
-        about = (times[brightest[pixel]], background, float(others), second_e, times[0], times[-1])
-        _fit(samples[:count], moments[:count], about, camera, width, row)
-        row[STATUS] = _status(samples[:count], moments[:count], about, camera, (width[0], growth, *limits), row)
+def fit_pixel(pixel: int, sweep: Sweep, settings: Settings, row: _Vector) -> None:
+    """Fit one pixel into `row` (FIELDS,): TIME, VARIANCE, ... ; without a pulse the numbers are NaN or mean nothing."""
+    _, _, brightest, maxima, total, ambient, times = sweep
+    camera, width, limits = settings
+    row[:] = np.nan
+    row[AMPLITUDE], row[STATUS] = 0.0, TOO_DARK
+    samples, moments = np.empty(WINDOW), np.empty(WINDOW)
+    half = half_span(width)
+    count, fitted, summed_dn = _gather(pixel, sweep, half, samples, moments)
+    if count < 4:
+        row[STATUS] = CUT_OFF
+        return
+    peak, others = brightest[pixel], times.size - fitted
+    samples = (samples[:count] - camera[0]) * camera[1]
+    moments = moments[:count]
+    background = samples.min()
+    if others >= 4:
+        background = ((total[pixel] - summed_dn) / others - camera[0]) * camera[1]
+        if ambient.size > 0:
+            start = max(first_of_window(peak), 0)
+            samples -= background * (ambient[start : start + count] - ambient[peak])
+            background *= 1.0 + ambient[peak]
+    far_e = (maxima[1, pixel] - camera[0]) * camera[1]
+    about = (times[peak], background, float(others), far_e, times[0], times[-1])
+    _fit(samples, moments, about, camera, width, row)
+    if ambient.size > 0:
+        row[VARIANCE] *= _scatter(samples, moments, row, camera, width[2])
+    row[STATUS] = _status(samples, moments, about, camera, (width[0], log_growth(width), *limits), row)
 
 
 @njit(nogil=True, cache=True)
-def _gather(
-    window: NDArray[np.uint16],
-    brightest: int,
-    times: _Vector,
-    camera: _Camera,
-    samples: _Vector,
-    moments: _Vector,
-) -> tuple[int, float]:
-    """Fill samples (electrons) and their times; return the number of them and their sum in counts."""
-    reach = window.size // 2
-    count, summed_dn = 0, 0.0
-    for j in range(window.size):
-        frame = brightest - reach + j
-        if 0 <= frame < times.size:
-            samples[count] = (window[j] - camera[0]) * camera[1]
-            moments[count] = times[frame]
-            summed_dn += window[j]
-            count += 1
-    return count, summed_dn
+def first_of_window(brightest: int) -> int:
+    """Number of the first frame of a pixel's window; negative where the sweep begins inside it."""
+    return (brightest // BLOCK - AROUND) * BLOCK
+
+
+def first_frames(brightest: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The same of many pixels."""
+    return ((brightest // BLOCK - AROUND) * BLOCK).astype(np.int32)
 
 
 @njit(nogil=True, cache=True)
-def _fit(
-    samples: _Vector, moments: _Vector, about: _About, camera: _Camera, width: tuple[float, float, float], row: _Vector
-) -> None:
+def log_growth(width: Width) -> float:
+    """How far the logarithm of a pulse's width may be from the common one."""
+    return max(math.log(_GROWTH), 3.0 * width[1])
+
+
+@njit(nogil=True, cache=True)
+def window_edge(width: float) -> float:
+    """What is left of a pulse, relative, where its window ends: much of one that is wider than was expected."""
+    edge = AROUND * BLOCK / width
+    return math.exp(-0.5 * edge * edge)
+
+
+@njit(nogil=True, cache=True)
+def half_span(width: Width) -> int:
+    """Frames on either side of the brightest that the pulse is fitted to; the background is the mean of all others."""
+    return min(int(width[2]), WINDOW // 2 - 2)
+
+
+@njit(nogil=True, cache=True)
+def _gather(pixel: int, sweep: Sweep, half: int, samples: _Vector, moments: _Vector) -> tuple[int, int, float]:
+    """Fill samples (counts) and their times; return the number of all, of those to be fitted, and the sum of these."""
+    frames, origin, brightest, _, _, _, times = sweep
+    start = first_of_window(brightest[pixel])
+    count, fitted, summed_dn = 0, 0, 0.0
+    for frame in range(max(start, 0), min(start + WINDOW, times.size)):
+        samples[count] = frames[frame - origin[pixel], pixel]
+        moments[count] = times[frame]
+        if abs(frame - brightest[pixel]) <= half:
+            summed_dn += samples[count]
+            fitted += 1
+        count += 1
+    return count, fitted, summed_dn
+
+
+@njit(nogil=True, cache=True)
+def _fit(samples: _Vector, moments: _Vector, about: _About, camera: Camera, width: Width, row: _Vector) -> None:
     """Fill `row` but for the status, which is DISTORTED where the fit did not come to rest: the start then stands."""
     peak, background, others, _, _, _ = about
     dark, saturation = camera[2], camera[3]
     theta = _start(samples, moments, peak, background, width[0], saturation)
     noise = (max(background, 0.0) + dark) / max(others, 1.0)
     spread = (0.02 if others >= 4 else 0.1) * theta[1]
-    tolerance = max(width[1], 1e-6)
+    tolerance = max(width[1], LEAST_TOLERANCE)
     model = (dark, saturation, background, 1.0 / (noise + spread**2), math.log(width[0]), tolerance**-2)
-    first, last = _span(moments, theta[0], width[2])
+    centre = theta[0] if samples.max() >= saturation else peak  # of a clipped top the brightest is but the first
+    first, last = _span(moments, centre, width[2])
     start, height = theta[0], theta[1]
     converged = _score(samples[first:last], moments[first:last], theta, model)
     system = np.empty((5, 4))
     row[COST] = _normal(samples[first:last], moments[first:last], theta, model, True, system)
-    row[TIME], row[VARIANCE] = theta[0], _variance(system, 0)
+    row[TIME] = theta[0]
+    row[VARIANCE] = _variance(system, 0)
     row[AMPLITUDE], row[AMPLITUDE_VARIANCE] = theta[1], _variance(system, 1)
     row[BACKGROUND], row[WIDTH] = theta[2], math.exp(theta[3])
     if not converged or row[VARIANCE] <= 0.0 or abs(theta[0] - start) > 1.0 + 1.5 * width[0]:
@@ -119,7 +154,7 @@ def _status(
     samples: _Vector,
     moments: _Vector,
     about: _About,
-    camera: _Camera,
+    camera: Camera,
     limits: tuple[float, float, float, float],
     row: _Vector,
 ) -> int:
@@ -137,7 +172,9 @@ def _status(
         status = DISTORTED
     elif not _flanked(samples, moments, camera, row):
         status = SATURATED
-    elif second_e - background > fraction * row[AMPLITUDE] or _second_peak(samples, moments, camera, fraction, row):
+    elif second_e - background > (fraction + window_edge(row[WIDTH])) * row[AMPLITUDE] or _second_peak(
+        samples, moments, camera, fraction, row
+    ):
         status = DOUBLE
     return status
 
@@ -272,7 +309,22 @@ def _variance(information: _Vector, index: int) -> float:
 
 
 @njit(nogil=True, cache=True)
-def _flanked(samples: _Vector, moments: _Vector, camera: _Camera, row: _Vector) -> bool:
+def _scatter(samples: _Vector, moments: _Vector, row: _Vector, camera: Camera, half: float) -> float:
+    """Factor of the variance where the background scatters more than its noise beyond doubt: its reduced chi square."""
+    chi_square, count = 0.0, 0
+    for k in range(samples.size):
+        u = (moments[k] - row[TIME]) / row[WIDTH]
+        count += abs(moments[k] - row[TIME]) <= half
+        if ASIDE < abs(u) <= half / row[WIDTH] and samples[k] < camera[3]:
+            mean = row[AMPLITUDE] * math.exp(-0.5 * u * u) + row[BACKGROUND]
+            chi_square += (samples[k] - mean) ** 2 / (max(mean, 0.0) + camera[2])
+    aside = max(count - 2.0 * ASIDE * row[WIDTH], 2.0)
+    ratio = chi_square / aside
+    return ratio if ratio > 1.0 + SCATTER * math.sqrt(2.0 / aside) else 1.0
+
+
+@njit(nogil=True, cache=True)
+def _flanked(samples: _Vector, moments: _Vector, camera: Camera, row: _Vector) -> bool:
     """Whether the pulse is unclipped, or unclipped samples show it on both sides."""
     clipped, before, after = False, False, False
     for k in range(samples.size):
@@ -286,7 +338,7 @@ def _flanked(samples: _Vector, moments: _Vector, camera: _Camera, row: _Vector) 
 
 
 @njit(nogil=True, cache=True)
-def _second_peak(samples: _Vector, moments: _Vector, camera: _Camera, fraction: float, row: _Vector) -> bool:
+def _second_peak(samples: _Vector, moments: _Vector, camera: Camera, fraction: float, row: _Vector) -> bool:
     """Whether any sample exceeds the fitted pulse by a fraction of its height, beyond noise."""
     for k in range(samples.size):
         u = (moments[k] - row[TIME]) / row[WIDTH]

@@ -5,9 +5,7 @@ cross-section in time, whatever the albedo around (Curless and Levoy 1995, secti
 mosaic, pixel by pixel, and neither colour nor texture biases it.
 """
 
-import os
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -15,12 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.laser import pulse
+from processing.laser.ambient import ambient_change
+from processing.laser.block_maxima import WINDOW
 from processing.laser.peak_tracker import Profiles, track_peaks
+from processing.laser.pulse_tiles import fit_sweep
 from processing.radiometry.sensor import Sensor
 
-_WIDTHS = (0.6, 1.0, 1.7, 2.8)  # starting points of the common width, frames
 _USUAL_WIDTH = 1.5  # frames; where nothing is seen, nothing depends on it
-_PILOTS = 1500  # pulses that determine it
+_PILOTS = 1024  # pulses that determine it
+_SPARSE = 29  # of so many pixels one is looked at for pilots; prime, so that rows and mosaic places take turns
+_LEAST_WIDTH = 0.4  # frames; a narrower pulse is one sample
+_BRIGHT = 5.0  # sigmas of a pilot's brightest sample above its mean
 _SIGNIFICANCE = 5.0  # sigmas of the amplitude below which a pixel is dark
 _SPAN = 3.5  # widths on either side of the peak (and one frame) that enter the fit
 
@@ -88,8 +91,9 @@ def peak_times(
 def fit_peaks(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> PeakTimes:
     """Peak times of profiles that were kept from a sweep."""
     width = settings.width_frames or typical_width(profiles, sensor, settings)
-    span = min(_SPAN * width + 1.0, float(profiles.reach))
-    return _assemble(profiles, _fit(profiles, sensor, settings, (width, settings.width_tolerance, span)))
+    results, status = _fit(profiles, sensor, settings, (width, settings.width_tolerance, _SPAN * width + 1.0))
+    time, variance, amplitude, width_frames = results.reshape(4, *profiles.shape)
+    return PeakTimes(time, variance, amplitude, status.reshape(profiles.shape), width_frames)
 
 
 def typical_width(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> float:
@@ -98,67 +102,52 @@ def typical_width(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -
     The stripe's width over its speed is common to all pixels. 1.5 where no pulse can be told.
     """
     pilots = _pilots(profiles, sensor)
-    if pilots.brightest.size == 0:
+    if pilots is None:
         return _USUAL_WIDTH
-    fits = [_fit(pilots, sensor, settings, (width, 1.0, float(profiles.reach))) for width in _WIDTHS]
-    cost = np.stack([np.where(f[:, pulse.STATUS] == PeakStatus.OK, f[:, pulse.COST], np.inf) for f in fits])
-    width = np.stack([f[:, pulse.WIDTH] for f in fits])[np.argmin(cost, axis=0), np.arange(cost.shape[1])]
-    good = width[np.isfinite(cost.min(axis=0))]
-    return float(np.median(good)) if good.size else _USUAL_WIDTH
+    width = _area_width(pilots, sensor)
+    for _ in range(2):
+        (_, _, amplitude, found), status = _fit(pilots, sensor, settings, (width, 0.5, _SPAN * width + 1.0))
+        good = status == PeakStatus.OK
+        if not good.any():
+            return width
+        light = amplitude * found  # what a pulse collects says nothing about the error of its width
+        width = float(np.median(found[good & (light >= np.median(light[good]))]))
+    return width
 
 
-def _pilots(profiles: Profiles, sensor: Sensor) -> Profiles:
-    """The profiles of up to _PILOTS of the brighter unsaturated pixels, spread over the image."""
-    peak_e = (profiles.window_dn[:, profiles.reach].astype(np.float64) - sensor.black_dn) * sensor.gain_e_per_dn
-    mean_dn = profiles.total_dn / profiles.times.size
-    height_e = peak_e - (mean_dn - sensor.black_dn) * sensor.gain_e_per_dn
-    clean = (profiles.brightest >= 0) & (peak_e < sensor.saturation_e)
-    clean &= height_e > 8.0 * np.sqrt(np.maximum(peak_e, 0.0) + sensor.dark_variance_e2)
-    chosen = np.flatnonzero(clean)
-    if chosen.size > _PILOTS:
-        chosen = chosen[height_e[chosen] >= np.median(height_e[chosen])]
-        chosen = chosen[:: -(-chosen.size // _PILOTS)]
-    return Profiles(
-        (1, chosen.size),
-        profiles.times,
-        profiles.window_dn[chosen],
-        profiles.brightest[chosen],
-        profiles.second_dn[chosen],
-        profiles.total_dn[chosen],
-    )
+def _area_width(pilots: Profiles, sensor: Sensor) -> float:
+    """Typical width of pulses from their area over their height above the frames outside their windows."""
+    window = pilots.frames_dn.astype(np.float64)
+    others = pilots.times.size - len(window)
+    outside = (pilots.total_dn - window.sum(axis=0)) / max(others, 1)
+    light = window - (outside if others >= len(window) else np.median(window, axis=0))
+    width = light.sum(axis=0) / np.maximum(light.max(axis=0), 1.0) / np.sqrt(2.0 * np.pi)
+    return float(np.clip(np.median(width), _LEAST_WIDTH, WINDOW / 2))
+
+
+def _pilots(profiles: Profiles, sensor: Sensor) -> Profiles | None:
+    """Up to _PILOTS of the bright unsaturated pixels, spread over the image; None where there is none."""
+    for stride in (_SPARSE, 1):
+        pixels = np.arange(0, profiles.brightest.size, stride)
+        chosen = pixels[profiles.brightest[pixels] >= 0]
+        frame = profiles.brightest[chosen]
+        peak_e = profiles.frames_dn[frame - profiles.origin[chosen], chosen].astype(np.float64) - sensor.black_dn
+        height_e = peak_e - (profiles.total_dn[chosen] / profiles.times.size - sensor.black_dn)
+        peak_e, height_e = peak_e * sensor.gain_e_per_dn, height_e * sensor.gain_e_per_dn
+        clean = (peak_e < sensor.saturation_e) & (
+            height_e > _BRIGHT * np.sqrt(np.maximum(peak_e, 0.0) + sensor.dark_variance_e2)
+        )
+        if np.count_nonzero(clean) >= _PILOTS // 4:
+            break
+    chosen = chosen[clean]
+    chosen = chosen[:: -(-chosen.size // _PILOTS) or 1]
+    return profiles.subset(chosen) if chosen.size else None
 
 
 def _fit(
     profiles: Profiles, sensor: Sensor, settings: PulseSettings, width: tuple[float, float, float]
-) -> NDArray[np.float64]:
-    """Rows of pulse.FIELDS per pixel; rows of pixels are fitted in parallel, each pixel by itself."""
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     camera = (sensor.black_dn, sensor.gain_e_per_dn, sensor.dark_variance_e2, sensor.saturation_e)
     limits = (_SIGNIFICANCE, settings.double_fraction)
-    pixels = profiles.brightest.size
-    fits = np.empty((pixels, pulse.FIELDS))
-
-    def run(start: int) -> None:
-        part = slice(start, min(start + 16384, pixels))
-        data = (profiles.window_dn[part], profiles.brightest[part], profiles.second_dn[part], profiles.total_dn[part])
-        pulse.fit_pulses(data, profiles.times, camera, width, limits, fits[part])
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(run, range(0, pixels, 16384)))
-    return fits
-
-
-def _assemble(profiles: Profiles, fits: NDArray[np.float64]) -> PeakTimes:
-    grid = fits.reshape(*profiles.shape, pulse.FIELDS)
-    measured = grid[..., pulse.STATUS] == PeakStatus.OK
-
-    def column(index: int) -> NDArray[np.float32]:
-        with np.errstate(over="ignore"):  # what is less certain than single precision can say is not certain at all
-            return np.where(measured, grid[..., index], np.nan).astype(np.float32)
-
-    return PeakTimes(
-        column(pulse.TIME),
-        column(pulse.VARIANCE),
-        grid[..., pulse.AMPLITUDE].astype(np.float32),
-        grid[..., pulse.STATUS].astype(np.uint8),
-        column(pulse.WIDTH),
-    )
+    ambient = ambient_change(profiles.sample_dn, sensor.black_dn, width[0])
+    return fit_sweep(profiles.sweep(ambient), camera, width, limits)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-REACH = 12
+BLOCK, AROUND = 4, 3
 OK, TOO_DARK, CUT_OFF, DOUBLE, SATURATED, DISTORTED = range(6)
 
 
@@ -10,44 +10,27 @@ def peak_time(profile_dn, sensor, width, tolerance, times=None):
     """Time, variance, amplitude and status of one pixel's profile (t,), for a given common width in frames."""
     count = len(profile_dn)
     times = np.arange(count, dtype=float) if times is None else np.asarray(times, float)
-    peaks = local_maxima(profile_dn)
-    if not peaks:
+    if not profile_dn.any():
         return np.nan, np.nan, 0.0, TOO_DARK
-    brightest = max(peaks, key=lambda f: (profile_dn[f], -f))
-    near = np.abs(np.arange(count) - brightest) <= REACH
+    brightest = int(np.argmax(profile_dn))
+    near = np.abs(np.arange(count) // BLOCK - brightest // BLOCK) <= AROUND
     y = (profile_dn - sensor.black_dn) * sensor.gain_e_per_dn
     if near.sum() < 4:
         return np.nan, np.nan, 0.0, CUT_OFF
-    background = y[~near].mean() if (~near).sum() >= 4 else y[near].min()
-    others = (~near).sum()
-    second = max([y[f] for f in peaks if f != brightest], default=-sensor.black_dn * sensor.gain_e_per_dn)
+    second = y[~near].max() if (~near).any() else -sensor.black_dn * sensor.gain_e_per_dn
+    away = np.abs(np.arange(count) - brightest) > min(int(3.5 * width + 1), 12)
+    others = away.sum()
+    background = y[away].mean() if others >= 4 else y[near].min()
     t, y = times[near], y[near]
     theta = start(t, y, times[brightest], background, width, sensor)
     first_guess, height = theta[:2]
     noise = (max(background, 0.0) + sensor.dark_variance_e2) / max(others, 1)
     prior = np.diag([0, 0, 1 / (noise + ((0.02 if others >= 4 else 0.1) * theta[1]) ** 2), tolerance**-2.0])
     expected = np.array([0, 0, background, np.log(width)])
-    fitted = np.abs(t - first_guess) <= min(3.5 * width + 1, REACH)
-    converged = False
-    for _ in range(25):
-        mean, jacobian = pulse(t[fitted], theta)
-        variance = np.maximum(mean, 0) + sensor.dark_variance_e2
-        clipped = y[fitted] >= sensor.saturation_e
-        weight = np.where(clipped & (y[fitted] - mean <= 0), 0.0, 1 / variance)
-        information = (jacobian.T * weight) @ jacobian + prior
-        score = jacobian.T @ (weight * (y[fitted] - mean)) + prior @ (expected - theta)
-        step = solve(information, score)
-        if step is None:
-            break
-        w = np.exp(theta[3])
-        theta[0] += np.clip(step[0], -w, w)
-        theta[1] = min(max(theta[1] + step[1], 0.2 * theta[1]), 20 * sensor.saturation_e)
-        theta[2] += step[2]
-        theta[3] += np.clip(step[3], -0.5, 0.5)
-        settled = abs(step[0]) * np.sqrt(information[0, 0]) < 1e-3
-        if settled and abs(step[1]) < 1e-2 * theta[1] and abs(step[3]) < 1e-2:
-            converged = True
-            break
+    centre = first_guess if (y >= sensor.saturation_e).any() else times[brightest]
+    fitted = np.abs(t - centre) <= 3.5 * width + 1
+    converged = score(t[fitted], y[fitted], theta, prior, expected, sensor)
+    clipped = y[fitted] >= sensor.saturation_e
     mean, jacobian = pulse(t[fitted], theta)
     weight = np.where(clipped, 0.0, 1 / (np.maximum(mean, 0) + sensor.dark_variance_e2))
     covariance = solve((jacobian.T * weight) @ jacobian + prior, np.eye(4))
@@ -58,6 +41,27 @@ def peak_time(profile_dn, sensor, width, tolerance, times=None):
     at_end = brightest in (0, count - 1)
     status = judge(t, y, theta, covariance, (converged, at_end, times, width, tolerance, second - background), sensor)
     return theta[0], covariance[0, 0], theta[1], status
+
+
+def score(t, y, theta, prior, expected, sensor):
+    """Fisher scoring of theta in place; whether it came to rest."""
+    for _ in range(25):
+        mean, jacobian = pulse(t, theta)
+        variance = np.maximum(mean, 0) + sensor.dark_variance_e2
+        weight = np.where((y >= sensor.saturation_e) & (y - mean <= 0), 0.0, 1 / variance)
+        information = (jacobian.T * weight) @ jacobian + prior
+        step = solve(information, jacobian.T @ (weight * (y - mean)) + prior @ (expected - theta))
+        if step is None:
+            return False
+        w = np.exp(theta[3])
+        theta[0] += np.clip(step[0], -w, w)
+        theta[1] = min(max(theta[1] + step[1], 0.2 * theta[1]), 20 * sensor.saturation_e)
+        theta[2] += step[2]
+        theta[3] += np.clip(step[3], -0.5, 0.5)
+        settled = abs(step[0]) * np.sqrt(information[0, 0]) < 1e-3
+        if settled and abs(step[1]) < 1e-2 * theta[1] and abs(step[3]) < 1e-2:
+            return True
+    return False
 
 
 def solve(matrix, right):
@@ -88,17 +92,8 @@ def judge(t, y, theta, covariance, facts, sensor):
         return DISTORTED
     if not flanked:
         return SATURATED
-    return DOUBLE if another or second > 0.4 * theta[1] else OK
-
-
-def local_maxima(profile):
-    """Frames that exceed all earlier ones within reach and are not exceeded by later ones; zeros never count."""
-    found = []
-    for f, value in enumerate(profile):
-        before, after = profile[max(f - REACH, 0) : f], profile[f + 1 : f + REACH + 1]
-        if value > 0 and (before < value).all() and (after <= value).all():
-            found.append(f)
-    return found
+    edge = np.exp(-0.5 * (12 / w) ** 2)
+    return DOUBLE if another or second > (0.4 + edge) * theta[1] else OK
 
 
 def start(t, y, peak, background, width, sensor):

@@ -131,8 +131,10 @@ def test_a_flash_is_no_stripe(scene):
 
 
 LAMPS = {
+    "switched on": 300.0 * (NUMBERS >= 48),
     "switched on brightly": 3000.0 * (NUMBERS >= 48),
     "turned up": 2000.0 * NUMBERS / FRAMES,
+    "swaying": 1000.0 + 1000.0 * np.sin(NUMBERS / 3),
     "flickering": 300.0 * np.random.default_rng(8).random(FRAMES),
 }
 

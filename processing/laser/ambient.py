@@ -9,6 +9,7 @@ _SAMPLE = 256  # pixels that are followed; two bytes each per frame
 _REACH = 4.5  # pulse widths from the brightest frame beyond which a pixel sees ambient light alone
 _RUN = 8  # neighbours among them: fewer cache lines
 _ALIKE = 1.0  # ratio of successive differences to variance (2 for noise) under which the light moves
+_FAINT = 10.0  # deviations of a frame's sum below which its light is too little to be followed
 _LEAST = 0.005  # relative movement that matters
 
 
@@ -25,6 +26,7 @@ def ambient_change(sample_dn: NDArray[np.uint16], black_dn: float, width_frames:
 
     Each frame's light is the sum over pixels which the stripe is far from, over the sum of their own means: so it does
     not matter where the stripe is. It moves if successive frames are more alike than their scatter (von Neumann 1941).
+    Light that the noise of a frame's sum could hide counts as steady: next to nothing, it has no relative change.
     """
     steady = np.zeros(0, np.float32)
     light = sample_dn.astype(np.float64) - black_dn
@@ -33,10 +35,15 @@ def ambient_change(sample_dn: NDArray[np.uint16], black_dn: float, width_frames:
     light *= away
     if not np.all(away.any(axis=1)) or light.sum() <= 0.0:
         return steady
+    pairs = away[1:] & away[:-1]
+    noise = np.sum(np.diff(light, axis=0)[pairs] ** 2) / max(2 * np.count_nonzero(pairs), 1)
     level = np.ones(len(light))
     for _ in range(2):
         typical = light.sum(axis=0) / np.maximum(level @ away, 1.0)
-        level = light.sum(axis=1) / np.maximum(away @ typical, 1e-9)
+        expected = away @ typical
+        if np.any(expected < _FAINT * np.sqrt(noise * away.sum(axis=1))):
+            return steady
+        level = light.sum(axis=1) / expected
         level /= level.mean()
     if np.var(level) < _LEAST**2 or np.mean(np.diff(level) ** 2) > _ALIKE * np.var(level):
         return steady

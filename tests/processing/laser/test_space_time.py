@@ -10,6 +10,7 @@ from processing.laser.ambient import ambient_change
 from processing.laser.peak_tracker import track_peaks
 from processing.laser.space_time import PeakStatus, PulseSettings, peak_times, typical_width
 from processing.radiometry.sensor import Sensor
+from tests.benchmarks.yardsticks.located_sweeps import brick
 from tests.reference import space_time as twin
 
 SENSOR = Sensor(256.0, 4095.0, 4.0, 4.0)
@@ -221,3 +222,9 @@ def test_reflectance_step_is_an_eighth_of_the_spatial_error():
     centroid = (frames @ pixels / frames.sum(axis=1))[crossing] - stripe[crossing]
     assert np.all(np.isfinite(timed[near]))
     assert np.sqrt(np.mean(timed[near] ** 2)) < 0.15 * np.sqrt(np.mean(centroid**2))
+
+
+def test_next_to_no_light_is_steady():
+    """In a dark room a grazing stripe leaves few pixels in some frames: noise over nothing is no lamp that moves."""
+    profiles = track_peaks(brick(1).sweep.frames)
+    assert ambient_change(profiles.sample_dn, 256.0, 0.9).size == 0

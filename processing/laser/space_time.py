@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from processing.laser import pulse
 from processing.laser.ambient import ambient_change
 from processing.laser.block_maxima import WINDOW
+from processing.laser.estimators import Estimator, retime
 from processing.laser.peak_tracker import Profiles, track_peaks
+from processing.laser.pulse import Camera
 from processing.laser.pulse_tiles import fit_sweep
 from processing.radiometry.sensor import Sensor
 
@@ -63,11 +65,13 @@ class PulseSettings:
     `width_frames` (standard deviation) is found from the brightest pulses where it is None; each pixel's own width may
     differ from it by about `width_tolerance` (one sigma of its logarithm; 0 fixes it).
     `double_fraction` is the height of another peak, relative to the pulse, that spoils the measurement.
+    `estimator` reads the time from what was found to be a pulse; the width, amplitude and status are the Gaussian's.
     """
 
     width_frames: float | None = None
     width_tolerance: float = 0.2
     double_fraction: float = 0.4
+    estimator: Estimator = Estimator.GAUSSIAN
 
 
 def peak_times(
@@ -92,6 +96,10 @@ def fit_peaks(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> Pe
     """Peak times of profiles that were kept from a sweep."""
     width = settings.width_frames or typical_width(profiles, sensor, settings)
     results, status = _fit(profiles, sensor, settings, (width, settings.width_tolerance, _SPAN * width + 1.0))
+    if settings.estimator != Estimator.GAUSSIAN:
+        centroid = settings.estimator == Estimator.CENTROID
+        ambient = ambient_change(profiles.sample_dn, sensor.black_dn, width)
+        retime(profiles.sweep(ambient), _camera(sensor), width, centroid, results, status)
     time, variance, amplitude, width_frames = results.reshape(4, *profiles.shape)
     return PeakTimes(time, variance, amplitude, status.reshape(profiles.shape), width_frames)
 
@@ -147,7 +155,10 @@ def _pilots(profiles: Profiles, sensor: Sensor) -> Profiles | None:
 def _fit(
     profiles: Profiles, sensor: Sensor, settings: PulseSettings, width: tuple[float, float, float]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    camera = (sensor.black_dn, sensor.gain_e_per_dn, sensor.dark_variance_e2, sensor.saturation_e)
     limits = (_SIGNIFICANCE, settings.double_fraction)
     ambient = ambient_change(profiles.sample_dn, sensor.black_dn, width[0])
-    return fit_sweep(profiles.sweep(ambient), camera, width, limits)
+    return fit_sweep(profiles.sweep(ambient), _camera(sensor), width, limits)
+
+
+def _camera(sensor: Sensor) -> Camera:
+    return sensor.black_dn, sensor.gain_e_per_dn, sensor.dark_variance_e2, sensor.saturation_e

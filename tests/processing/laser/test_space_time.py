@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from processing.errors import ImageError
 from processing.laser.ambient import ambient_change
+from processing.laser.estimators import Estimator
 from processing.laser.peak_tracker import track_peaks
 from processing.laser.space_time import PeakStatus, PulseSettings, peak_times, typical_width
 from processing.radiometry.sensor import Sensor
@@ -121,6 +122,38 @@ def test_pixels_outside_the_mask_are_not_wanted():
     np.testing.assert_array_equal(part.time_frames[mask], full.time_frames[mask])
     with pytest.raises(ImageError, match="mask"):
         peak_times(stack, SENSOR, mask=mask[:, 1:])
+
+
+@pytest.mark.parametrize("estimator", [Estimator.CENTROID, Estimator.PARABOLA])
+@pytest.mark.parametrize("width", [0.8, 1.5, 2.5])
+@pytest.mark.parametrize("amplitude", [3000, 10000])
+def test_other_estimators_say_how_good_they_are(estimator, width, amplitude):
+    """Worse than the bound, and their variances say by how much, systematic errors included."""
+    middles = np.random.default_rng(2).uniform(20, 40, 4000)
+    peaks = peak_times(pulses(range(60), middles, amplitude, width), SENSOR, PulseSettings(width, estimator=estimator))
+    ok = peaks.status[0] == PeakStatus.OK
+    error = peaks.time_frames[0][ok] - middles[ok]
+    assert ok.mean() > 0.99
+    assert np.sqrt(np.mean(error**2)) > 0.98 * bound(width, amplitude)
+    assert 0.8 < np.sqrt(np.mean(error**2 / peaks.variance[0][ok])) < 1.25
+
+
+@pytest.mark.parametrize("ambient", ["ramp", "flicker"])
+def test_moving_ambient_light_neither_shifts_nor_doubles(ambient):
+    """A lamp that moves by 30 % of a pulse's height: times keep to their bound, and no pulse is called double."""
+    rng, middles = np.random.default_rng(4), np.random.default_rng(5).uniform(20, 100, 3000)
+    phase = np.arange(120) / 120
+    level = phase if ambient == "ramp" else 0.5 + 0.5 * np.sin(2 * np.pi * 3 * phase)
+    light = 40 + 300 * level[:, None] * rng.uniform(0.3, 1.0, 3000)
+    u = (np.arange(120)[:, None] - middles) / 1.5
+    electrons = rng.poisson(1000 * np.exp(-0.5 * u * u) + light) + rng.normal(0, 4, u.shape)
+    stack = np.clip(np.rint(electrons / 4 + 256), 0, 4095).astype(np.uint16)[:, None]
+    peaks = peak_times(stack, SENSOR)
+    ok = peaks.status[0] == PeakStatus.OK
+    error = (peaks.time_frames[0] - middles)[ok]
+    assert ok.mean() > 0.99
+    assert np.mean(peaks.status == PeakStatus.DOUBLE) < 1e-3
+    assert np.sqrt(np.mean(error**2)) < 1.1 * bound(1.5, 1000, 120, 250.0)
 
 
 def test_common_width_is_found():

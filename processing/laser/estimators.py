@@ -39,7 +39,7 @@ def retime(
 
     Pixels in which a sample that is needed is saturated become SATURATED, those without a peak there DISTORTED.
     """
-    reach = max(int(_REACH * width + 0.5), 1) if centroid else 1
+    reach = math.ceil(_REACH * width) if centroid else 1
     systematic = 0.0 if centroid else parabola_error(width) ** 2
     for pixel in prange(status.size):
         if status[pixel] == OK:

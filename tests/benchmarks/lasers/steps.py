@@ -13,7 +13,7 @@ import numpy as np
 
 from processing.laser.mdf import measure_sweep
 from processing.laser.range_image import range_image
-from processing.laser.space_time import PulseSettings, peak_times
+from processing.laser.space_time import Estimator, PulseSettings, peak_times
 from processing.radiometry.sensor import Sensor
 from service.bench import Result
 from tests.benchmarks.yardsticks.relief_sweep import HOLDER, photograph
@@ -167,4 +167,9 @@ def _ours(name: str, settings: PulseSettings, said: str) -> Peer:
     return Peer(name, lambda frames, _: peak_times(frames, SENSOR, settings).time_frames, said)
 
 
-METHODS = (_ours("ours", PulseSettings(), "Gaussian, maximum likelihood; the sensor's gain and noise"), *PEERS)
+METHODS = (
+    _ours("ours", PulseSettings(), "Gaussian, maximum likelihood; the sensor's gain and noise"),
+    _ours("ours: centroid", PulseSettings(estimator=Estimator.CENTROID), "for comparison"),
+    _ours("ours: parabola", PulseSettings(estimator=Estimator.PARABOLA), "for comparison"),
+    *PEERS,
+)

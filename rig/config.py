@@ -3,7 +3,7 @@
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -17,6 +17,7 @@ def _ascending(zone: tuple[float, float]) -> tuple[float, float]:
 
 
 Degrees = Annotated[float, Field(ge=-3600, le=3600)]
+Model = TypeVar("Model", bound=BaseModel)
 Zone = Annotated[tuple[Degrees, Degrees], AfterValidator(_ascending)]
 
 
@@ -154,12 +155,18 @@ class RigConfig(_Model):
 
 def load_config(path: Path) -> RigConfig:
     """Read rig.toml. Raises ConfigError that names the file, the field and what is wrong with it."""
+    return read_toml(path, RigConfig, " Name a rig.toml with --rig, or start `rig serve --simulated`.")
+
+
+def read_toml(path: Path, kind: type[Model], advice: str = "") -> Model:
+    """Read a TOML file of this kind. Raises ConfigError that names the file, the field and what is wrong with it.
+
+    `advice` follows where there is no file.
+    """
     try:
-        return RigConfig.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        return kind.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError as error:
-        raise ConfigError(
-            f"{path}: no such file. Name a rig.toml with --rig, or start `rig serve --simulated`."
-        ) from error
+        raise ConfigError(f"{path}: no such file.{advice}") from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}.") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -196,7 +196,7 @@ def merge(
 @app.command()
 def displacement(
     source: Annotated[
-        Path, typer.Argument(help="Folder of laser-line photographs, the GIF of a sweep, or the TOML of a scan.")
+        Path, typer.Argument(help="Folder of laser-line photographs or of a scan, GIF of a sweep, or TOML of a scan.")
     ],
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Depth picture (.png) or point cloud (.ply, .glb); the other is beside.")
@@ -204,9 +204,10 @@ def displacement(
 ) -> None:
     """Measure range in laser images that another rig took: stripe, laser plane, depth picture and point cloud.
 
-    A folder is photographs of the stripe on a chessboard with their MATLAB calibration; a GIF is a laser swept by hand
-    before two printed rectangles, with intrinsics.xml beside it; a TOML describes pictures of an object on a turntable
-    or a stage before a laser that stands. What each needs: docs/range-of-your-own-images.md
+    A folder is photographs of the stripe on a chessboard with their MATLAB calibration, or a scan with its scan.toml; a
+    GIF is a laser swept by hand before two printed rectangles, with intrinsics.xml beside it or none; a TOML describes
+    pictures of an object on a turntable or a stage before a laser that stands. What each needs:
+    docs/range-of-your-own-images.md
     """
     from service import ranging
 

@@ -1,7 +1,6 @@
 """Result files: whole under their name, or the earlier ones as they were."""
 
 import errno
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,8 +15,7 @@ def replaced(out: Path) -> Iterator[Path]:
     Files of the same name with other endings, written beside it, go along. After a failure nothing has changed.
     Raises FileNotFoundError where the folder is missing.
     """
-    if not out.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(out))
+    check_folder(out)
     part = out.with_name(PART + out.name)
     try:
         yield part
@@ -26,6 +24,12 @@ def replaced(out: Path) -> Iterator[Path]:
     finally:
         for leftover in _parts(part):
             leftover.unlink()
+
+
+def check_folder(out: Path) -> None:
+    """Raises FileNotFoundError where the folder for `out` is missing: before anything is computed for it."""
+    if not out.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no such folder", str(out.parent))
 
 
 def _parts(part: Path) -> list[Path]:

@@ -150,7 +150,7 @@ def _draw_linearity(axis: Axes, measured: SensorCalibration) -> None:
 
 def save_stripes(path: Path, stripes: Sequence[BoardStripe]) -> None:
     """Laser stripes of several images in one picture, coloured by their depth."""
-    figure = Figure(figsize=(8, 5.4), layout="constrained")
+    figure = Figure(figsize=(8, 5.4), layout="compressed")
     axis = figure.subplots()
     depth_m = np.concatenate([stripe.points_m[:, 2] for stripe in stripes])
     uv_px = np.concatenate([stripe.uv_px for stripe in stripes])

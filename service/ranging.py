@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
+from processing.formats.sequence import PictureFiles
 from processing.laser.depth_picture import depth_picture, write_point_cloud
 from processing.laser.hand_sweep import laser_sweep
 from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
@@ -16,7 +17,7 @@ from processing.laser.printed_rectangles import RectangleFit
 from processing.laser.profile_scan import Scan, ScanStatus, scan_profiles
 from processing.laser.scan_check import MotionCheck, check_motion, merged_points, pass_disagreement
 from render.picture import save_image
-from service.files import replaced
+from service.files import check_folder, replaced
 from service.pictures import STILL, save_stripes
 from service.scan_file import open_scan
 
@@ -38,6 +39,7 @@ def measure_displacement(source: Path, out: Path, track: Track = lambda items: i
     """
     if out.suffix.lower() not in (*STILL, *CLOUDS):
         raise ImageError(f"{out}: a picture is one of {', '.join(STILL)}, a point cloud one of {', '.join(CLOUDS)}.")
+    check_folder(out)
     if source.is_dir():
         source = _described(source)
     kind = source.suffix.lower()
@@ -121,8 +123,15 @@ def _camera(fit: RectangleFit) -> str:
 
 def _scan(source: Path, out: Path, track: Track) -> Iterator[str]:
     opened = open_scan(source)
+    if isinstance(opened.frames, PictureFiles) and opened.frames.files[0].parent.resolve() == out.parent.resolve():
+        raise ImageError(f"{out}: lies among the scan's pictures, and would be one of them the next time.")
     scan = scan_profiles(opened.frames, opened.setup, opened.backgrounds, track)
     yield from _about_scan(scan)
+    if not scan.count(ScanStatus.MEASURED):
+        raise ImageError(
+            f"{source}: no measured point; above is what became of the stripe. If most is out of range, look at the "
+            "signs of [laser_plane], at depth_mm and at radius_mm."
+        )
     yield from _about_turns(scan, opened.setup.motion)
     yield _about_motion(check_motion(opened.frames, scan, opened.setup))
     depth_m = opened.setup.motion.depth(scan.points_m)
@@ -144,6 +153,8 @@ def _about_scan(scan: Scan) -> Iterator[str]:
         f"{len(measured)} frames, {measured.sum()} points, {measured.mean():.1%} of the scan lines; {told}; "
         f"{blind} frames measure nothing"
     )
+    if scan.count(ScanStatus.TWO_STRIPES) > measured.sum():
+        yield "WARNING: more scan lines show two stripes than one. Is the colour right, and the room dark enough?"
     if measured.any():
         yield (
             f"stripe of sigma {scan.stripe.sigma_px:.2f} px; noise moves a point by "

@@ -1,6 +1,5 @@
 """The description of somebody else's scan: a TOML file beside its pictures. Degrees and millimetres."""
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from processing.errors import ImageError
 from processing.formats.sequence import Picture, read_picture, read_sequence
@@ -17,8 +16,7 @@ from processing.laser.motion import Motion, Slide, Turn
 from processing.laser.plane_fit import Plane
 from processing.laser.profile_scan import ScanSetup
 from processing.laser.stripe import LaserColour
-from rig.config import shown
-from rig.errors import ConfigError
+from rig.config import read_toml
 
 Array = NDArray[np.float64]
 
@@ -38,6 +36,8 @@ def _not_zero(value: float) -> float:
 Vector = tuple[float, float, float]
 Direction = Annotated[Vector, AfterValidator(_with_length)]
 NotZero = Annotated[float, AfterValidator(_not_zero)]
+Size = tuple[int, int]  # width and height
+_CENTRAL = 0.2  # of a picture's size, from its middle to the camera's centre: lenses are mounted better than that
 
 
 class _Model(BaseModel):
@@ -45,10 +45,11 @@ class _Model(BaseModel):
 
 
 class CameraTable(_Model):
-    """OpenCV's camera matrix, in pixels, and its distortion k1 k2 p1 p2 k3."""
+    """OpenCV's camera matrix, in pixels, its distortion k1 k2 p1 p2 k3, and the size of the pictures it is for."""
 
     matrix: tuple[Vector, Vector, Vector]
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    size_px: Size | None = None
 
     @model_validator(mode="after")
     def _is_a_camera(self) -> Self:
@@ -109,6 +110,8 @@ class ScanFile(_Model):
         named = self.camera is not None, self.laser_plane is not None
         if any(named) if self.stripes else not all(named):
             raise ValueError("either the tables [camera] and [laser_plane], or `stripes`, a folder that tells both")
+        if self.stripes and self.laser == LaserColour.GREY:
+            raise ValueError("`stripes` needs a laser of a colour, which tells it from the board's squares")
         if self.depth_mm[0] >= self.depth_mm[1]:
             raise ValueError("depth_mm runs from near to far")
         return self
@@ -128,32 +131,31 @@ def open_scan(path: Path) -> ScanSource:
 
     Raises ConfigError that names the field that is wrong, ImageError for pictures that cannot be used.
     """
-    file, folder = read_scan_file(path), path.parent
+    file, folder = read_toml(path, ScanFile), path.parent
     frames = read_sequence(folder / file.images)
-    setup = _setup(file, folder)
-    height, width = frames[0].shape[:2]
-    across, down = setup.matrix[:2, 2]
-    if not (-0.5 * width < across < 1.5 * width and -0.5 * height < down < 1.5 * height):
-        raise ImageError(
-            f"{folder / file.images}: pictures of {width} x {height} pixels, but the camera's centre is at "
-            f"({across:.0f}, {down:.0f}): was it calibrated at another size?"
-        )
+    setup, size_px = _setup(file, folder)
+    _check_size(folder / file.images, frames[0].shape, setup.matrix, size_px)
     return ScanSource(frames, _backgrounds(file, folder), setup)
 
 
-def read_scan_file(path: Path) -> ScanFile:
-    """Read the description. Raises ConfigError that names the file, the field and what is wrong with it."""
-    try:
-        return ScanFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        field = f"{where}: " if where else ""
-        raise ConfigError(f"{path}: {field}{first['msg']} (got {shown(first['input'])})") from error
+def _check_size(images: Path, shape: tuple[int, ...], matrix: Array, stated_px: Size | None) -> None:
+    """Raises ImageError where the camera was calibrated at another size, or seems so where none is stated.
+
+    Pictures of half or twice the calibrated size have the camera's centre at a quarter of their width, or at its end.
+    """
+    height, width = shape[:2]
+    across, down = matrix[:2, 2]
+    if stated_px is not None and stated_px != (width, height):
+        raise ImageError(
+            f"{images}: pictures of {width} x {height} pixels, but the camera was calibrated at {stated_px[0]} x "
+            f"{stated_px[1]}."
+        )
+    central = all(abs(place / size - 0.5) < _CENTRAL for place, size in ((across, width), (down, height)))
+    if stated_px is None and not central:
+        raise ImageError(
+            f"{images}: pictures of {width} x {height} pixels, but the camera's centre is at ({across:.0f}, "
+            f"{down:.0f}): was it calibrated at another size? If not, say size_px = [{width}, {height}] in [camera]."
+        )
 
 
 def _backgrounds(file: ScanFile, folder: Path) -> Sequence[Picture]:
@@ -163,9 +165,10 @@ def _backgrounds(file: ScanFile, folder: Path) -> Sequence[Picture]:
     return read_sequence(place) if place.is_dir() else [read_picture(place)]
 
 
-def _setup(file: ScanFile, folder: Path) -> ScanSetup:
-    matrix, distortion, plane = _camera_and_plane(file, folder)
-    return ScanSetup(
+def _setup(file: ScanFile, folder: Path) -> tuple[ScanSetup, Size | None]:
+    """The setup, and the size of pictures that its camera is for, where that is known."""
+    matrix, distortion, plane, size_px = _camera_and_plane(file, folder)
+    setup = ScanSetup(
         matrix,
         distortion,
         plane,
@@ -177,16 +180,17 @@ def _setup(file: ScanFile, folder: Path) -> ScanSetup:
         file.stripe_sigma_px,
         file.threshold,
     )
+    return setup, size_px
 
 
-def _camera_and_plane(file: ScanFile, folder: Path) -> tuple[Array, Array, Plane]:
+def _camera_and_plane(file: ScanFile, folder: Path) -> tuple[Array, Array, Plane, Size | None]:
     if file.camera is None or file.laser_plane is None:
-        found = laser_chessboard(folder / file.stripes)
-        return found.matrix, found.distortion, found.plane
+        found = laser_chessboard(folder / file.stripes, file.laser)
+        return found.matrix, found.distortion, found.plane, found.size_px
     normal = np.array(file.laser_plane.normal)
     length = float(np.linalg.norm(normal))
     plane = Plane(normal / length, file.laser_plane.offset_mm * 1e-3 / length, np.nan, 0)
-    return np.array(file.camera.matrix), np.array(file.camera.distortion), plane
+    return np.array(file.camera.matrix), np.array(file.camera.distortion), plane, file.camera.size_px
 
 
 def _motion(file: ScanFile) -> Motion:

@@ -35,9 +35,8 @@ class Speckle:
     travel: float = 1.0
 
     def fixed(self, count: int, key: Key) -> Array:
-        """Factors (n,) of the still part, one per pixel."""
-        factors: Array = 1 + self.still * generator(key).standard_normal(count)
-        return factors
+        """Factors (n,) of the still part, one per pixel; light is never less than none."""
+        return np.maximum(1 + self.still * generator(key).standard_normal(count), 0.0)
 
     def phases(self, count: int, key: Key) -> Floats:
         """What the moving part of each pixel belongs to (n, MODES); (n, 0) where there is no such part."""

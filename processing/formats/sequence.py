@@ -16,14 +16,12 @@ from processing.errors import ImageError
 Picture = NDArray[Any]  # (h, w) or (h, w, 3) RGB, uint8 or uint16
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 ANIMATIONS = (".gif", ".webp")
+_UNREADABLE = (OSError, SyntaxError, ValueError, EOFError, IndexError, Image.DecompressionBombError)
 
 
 @dataclass(frozen=True)
 class PictureFiles(Sequence[Picture]):
-    """Files that are read when they are asked for, all of the size and kind of the first.
-
-    Getting one raises ImageError where it cannot be read or is of another size, depth or kind.
-    """
+    """Files that are read when they are asked for. Getting one raises ImageError where it cannot be read."""
 
     files: tuple[Path, ...]
 
@@ -49,7 +47,9 @@ def read_sequence(source: Path) -> Sequence[Picture]:
         return list(read_animation(source))
     if not source.is_dir():
         raise ImageError(f"{source}: neither a folder of pictures nor an animation ({', '.join(ANIMATIONS)}).")
-    files = sorted((path for path in source.iterdir() if path.suffix.lower() in PICTURES), key=_natural)
+    # Hidden files are no pictures: copies from other systems leave some with a picture's ending.
+    found = (path for path in source.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != ".")
+    files = sorted(found, key=_natural)
     if not files:
         raise ImageError(f"{source}: no picture in it ({', '.join(PICTURES)}).")
     first = _size(files[0])
@@ -67,7 +67,7 @@ def read_animation(path: Path) -> NDArray[np.uint8]:
     try:
         with Image.open(path) as animation:
             return np.stack([np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(animation)])
-    except (OSError, SyntaxError, ValueError, EOFError, IndexError) as error:
+    except _UNREADABLE as error:
         raise ImageError(f"{path}: not a readable animation: {error}") from error
 
 
@@ -78,13 +78,14 @@ def read_picture(path: Path) -> Picture:
     """
     try:
         with Image.open(path) as picture:
-            deep = "16" in str(picture.tile[0][3]) and picture.mode == "RGB" if picture.tile else False
+            # In colour the decoder halves 16 bits; OpenCV keeps them.
+            deep = bool(picture.tile) and "16" in str(picture.tile[0][3]) and picture.mode in ("RGB", "RGBA", "LA")
             picture.load()  # raises where the file is cut off, which OpenCV passes over
             if not deep:
                 return _as_stored(picture, path)
     except UnidentifiedImageError:
         pass  # TIFF of 16 bits in colour, or no picture at all
-    except (OSError, SyntaxError, ValueError) as error:
+    except _UNREADABLE as error:
         raise ImageError(f"{path}: not a readable image: {error}") from error
     decoded = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
     if decoded is None or decoded.dtype not in (np.uint8, np.uint16):
@@ -96,7 +97,10 @@ def _as_stored(picture: Image.Image, path: Path) -> Picture:
     if picture.mode == "F":
         raise ImageError(f"{path}: floating-point pixels; 8 or 16 bits are needed.")
     if picture.mode.startswith("I"):
-        return np.asarray(picture).astype(np.uint16)
+        counts = np.asarray(picture)
+        if not 0 <= counts.min() <= counts.max() <= np.iinfo(np.uint16).max:
+            raise ImageError(f"{path}: counts from {counts.min()} to {counts.max()}; 8 or 16 bits are needed.")
+        return counts.astype(np.uint16)
     return np.asarray(picture if picture.mode == "L" else picture.convert("RGB"))
 
 
@@ -108,10 +112,10 @@ def _size(path: Path) -> tuple[int, int]:
     except UnidentifiedImageError:
         height, width = read_picture(path).shape[:2]
         return width, height
-    except (OSError, SyntaxError, ValueError) as error:
+    except _UNREADABLE as error:
         raise ImageError(f"{path}: not a readable image: {error}") from error
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Numbers within a name count as numbers."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

@@ -73,14 +73,14 @@ class _Reference:
 def laser_sweep(gif: Path, intrinsics: Path | None) -> HandSweep:
     """Range of every pixel that a hand-swept stripe passed in an animated picture.
 
-    `intrinsics` is OpenCV's XML with K and dist, for pictures CALIBRATED_WIDTH_PX wide; without it the rectangles
-    themselves tell the camera. Raises ImageError where the animation cannot be read, has under ten frames or shows no
-    two rectangles or no stripe, and CalibrationError where the intrinsics cannot be read.
+    `intrinsics` is OpenCV's XML as `read_intrinsics` takes it; without it the rectangles themselves tell the camera.
+    Raises ImageError where the animation cannot be read, has under ten frames or shows no two rectangles or no stripe,
+    and CalibrationError where the intrinsics cannot be read.
     """
     frames = read_animation(gif)
     if len(frames) < 10:
         raise ImageError(f"{gif}: {len(frames)} frames; a sweep needs ten or more.")
-    given = None if intrinsics is None else read_intrinsics(intrinsics, frames.shape[2] / CALIBRATED_WIDTH_PX)
+    given = None if intrinsics is None else read_intrinsics(intrinsics, frames.shape[2])
     picture = np.median(frames, axis=0).astype(np.uint8)
     contours = find_rectangles(picture)
     if len(contours) < 2:
@@ -107,9 +107,10 @@ def laser_sweep(gif: Path, intrinsics: Path | None) -> HandSweep:
     )  # fmt: skip
 
 
-def read_intrinsics(path: Path, scale: float) -> Lens:
-    """Camera matrix (3, 3) for pictures reduced by `scale`, and distortion (5,), of OpenCV's XML with K and dist.
+def read_intrinsics(path: Path, width_px: int) -> Lens:
+    """Camera matrix (3, 3) for pictures of this width, and distortion (5,), of OpenCV's XML with K and dist.
 
+    They are for pictures as wide as its image_width says, or else CALIBRATED_WIDTH_PX, of which these are the whole.
     Raises CalibrationError where they are not there.
     """
     try:
@@ -118,7 +119,8 @@ def read_intrinsics(path: Path, scale: float) -> Lens:
             np.array([float(value) for value in root.findtext(f"{name}/data", "").split()]) for name in ("K", "dist")
         )
         matrix = matrix.reshape(3, 3)
-    except (OSError, ElementTree.ParseError, ValueError) as error:
+        scale = width_px / float(root.findtext("image_width", str(CALIBRATED_WIDTH_PX)))
+    except (OSError, ElementTree.ParseError, ValueError, ZeroDivisionError) as error:
         raise CalibrationError(f"{path}: no camera matrix K and distortion dist in it: {error}") from error
     if distortion.size != 5:
         raise CalibrationError(f"{path}: {distortion.size} distortion terms, not 5.")

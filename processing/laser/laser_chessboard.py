@@ -19,12 +19,13 @@ from processing import geometry
 from processing.errors import ImageError
 from processing.laser.plane_fit import Plane, fit_plane, plane_angle
 from processing.laser.ridge import stripe_ridge
-from processing.laser.stripe import redness, stripe_line
+from processing.laser.stripe import LaserColour, laser_light, stripe_line
 from processing.robust import biweight, bulk_deviation
 
 Array = NDArray[np.float64]
 _SIGMA_PX = 4.0
 _THRESHOLD = 4.0  # of the ridge's strength, 8-bit codes
+_LEAST_POINTS = 20
 _CURVATURE_PX = 8.0  # by which lens distortion may bend the stripe away from a line
 
 
@@ -32,7 +33,7 @@ _CURVATURE_PX = 8.0  # by which lens distortion may bend the stripe away from a 
 class BoardStripe:
     """The stripe on one board: image points (n, 2), 3D points (n, 3) on the board's plane in the camera frame, metres.
 
-    `row_rms_px` is the RMS distance of the image points from a robust quadratic along the stripe.
+    `row_rms_px` is the RMS distance of the image points, on their scan lines, from a robust quadratic along the stripe.
     """
 
     image: str
@@ -44,7 +45,7 @@ class BoardStripe:
 
 @dataclass(frozen=True)
 class LaserChessboard:
-    """The laser's plane in the camera frame, the camera's matrix and distortion, and how well the plane is known.
+    """The laser's plane in the camera frame, and how well it is known; the camera's matrix, distortion, picture size.
 
     `row_rms_px` is the mean of the stripes' own.
     `angle_deviation_rad` and `distance_deviation_m` (at the points' centre) are one sigma by the jackknife over images:
@@ -61,6 +62,7 @@ class LaserChessboard:
     published_distance_m: float
     matrix: Array
     distortion: Array
+    size_px: tuple[int, int]  # width and height
 
     @property
     def points_m(self) -> Array:
@@ -68,15 +70,15 @@ class LaserChessboard:
         return np.concatenate([stripe.points_m for stripe in self.stripes])
 
 
-def laser_chessboard(folder: Path) -> LaserChessboard:
-    """The laser plane of a folder of stripe photographs.
+def laser_chessboard(folder: Path, colour: LaserColour = LaserColour.RED) -> LaserChessboard:
+    """The laser plane of a folder of stripe photographs; the laser is no grey one.
 
     The stripe is found to a fraction of a pixel within the board of every image, its rays are cut with the board, and
     all points make one plane. Raises ImageError where a file is missing, no image or no calibration, where the image's
     size is not the calibrated one, and where fewer than two boards show a stripe.
     """
     calibration = _read_mat(folder / "Calib_Results.mat", ("KK", "kc", "nx", "ny", "active_images"))
-    found = [_board_stripe(folder, calibration, number) for number in _active(calibration)]
+    found = [_board_stripe(folder, calibration, number, colour) for number in _active(calibration)]
     stripes = tuple(stripe for stripe in found if stripe is not None)
     if len(stripes) < 2:
         raise ImageError(f"{folder}: a laser stripe on {len(stripes)} of {len(found)} boards; at least 2 are needed.")
@@ -84,20 +86,26 @@ def laser_chessboard(folder: Path) -> LaserChessboard:
     deviation = _jackknife(stripes, plane) if len(stripes) > 2 else (np.nan, np.nan)
     published = _published(folder, stripes, plane)
     row_rms_px = float(np.mean([stripe.row_rms_px for stripe in stripes]))
-    return LaserChessboard(plane, stripes, row_rms_px, *deviation, *published, *_lens(calibration))
+    return LaserChessboard(
+        plane, stripes, row_rms_px, *deviation, *published, *_lens(calibration), _size(calibration)
+    )  # fmt: skip
 
 
 def _lens(calibration: dict[str, Any]) -> tuple[Array, Array]:
     return calibration["KK"].astype(np.float64), calibration["kc"].ravel().astype(np.float64)
 
 
+def _size(calibration: dict[str, Any]) -> tuple[int, int]:
+    return int(calibration["nx"].item()), int(calibration["ny"].item())
+
+
 def _active(calibration: dict[str, Any]) -> list[int]:
     return [index + 1 for index, used in enumerate(calibration["active_images"].ravel()) if used]
 
 
-def _board_stripe(folder: Path, calibration: dict[str, Any], number: int) -> BoardStripe | None:
+def _board_stripe(folder: Path, calibration: dict[str, Any], number: int, colour: LaserColour) -> BoardStripe | None:
     name = f"image{number:03d}.png"
-    rgb = _read_image(folder / name, (int(calibration["ny"].item()), int(calibration["nx"].item())))
+    rgb = _read_image(folder / name, _size(calibration)[::-1])
     missing = [key for key in (f"omc_{number}", f"Tc_{number}", f"X_{number}") if key not in calibration]
     if missing:
         raise ImageError(f"{folder / 'Calib_Results.mat'}: no {missing[0]}, the board's pose in {name}.")
@@ -107,14 +115,22 @@ def _board_stripe(folder: Path, calibration: dict[str, Any], number: int) -> Boa
     corners_m = calibration[f"X_{number}"].T * 1e-3
     matrix, distortion = _lens(calibration)
     mask = _board_mask(corners_m, camera_from_board, matrix, distortion, rgb.shape[:2])
-    ridge = stripe_ridge(redness(rgb), _SIGMA_PX, _THRESHOLD, mask)
-    if len(ridge.uv_px) < 20:
+    points, upright = _ridge_points(laser_light(rgb, colour), mask)
+    if len(points) < _LEAST_POINTS:
         return None
-    uv_px = ridge.uv_px[stripe_line(ridge.uv_px, _CURVATURE_PX).inliers]
-    residual, good = bend_residual(uv_px)
-    rays = geometry.pixel_rays(uv_px[good], matrix, distortion, np.eye(4))
+    points = points[stripe_line(points, _CURVATURE_PX).inliers]
+    residual, good = bend_residual(points)
+    uv_px = points[good] if upright else points[good][:, ::-1]
     board = Plane.of_board(camera_from_board)
-    return BoardStripe(name, uv_px[good], board.cut(rays), board, float(np.sqrt(np.mean(residual[good] ** 2))))
+    in_camera = board.cut(geometry.pixel_rays(uv_px, matrix, distortion, np.eye(4)))
+    return BoardStripe(name, uv_px, in_camera, board, float(np.sqrt(np.mean(residual[good] ** 2))))
+
+
+def _ridge_points(light: Array, mask: NDArray[np.bool_]) -> tuple[Array, bool]:
+    """The stripe's points (n, 2), and whether it runs along the image's columns; if not they are (row, column)."""
+    upright = stripe_ridge(light, _SIGMA_PX, _THRESHOLD, mask).uv_px
+    lying = stripe_ridge(light.T, _SIGMA_PX, _THRESHOLD, mask.T).uv_px
+    return (upright, True) if len(upright) >= len(lying) else (lying, False)
 
 
 def _board_mask(
@@ -134,7 +150,7 @@ def _board_mask(
 
 
 def bend_residual(uv_px: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Distance (n,) of points along a stripe from a robust quadratic in the row, and which of them follow it."""
+    """Distance (n,) of points (across, along) a stripe from a robust quadratic, and which of them follow it."""
     row = (uv_px[:, 1] - uv_px[:, 1].mean()) / max(float(np.ptp(uv_px[:, 1])), 1.0)
     design = np.stack([np.ones_like(row), row, row**2], axis=1)
     weight = np.ones(len(row))

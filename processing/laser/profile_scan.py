@@ -37,7 +37,7 @@ class ScanStatus(IntEnum):
     """Outcome on one scan line of one frame; only MEASURED carries a point."""
 
     MEASURED = 0
-    NO_STRIPE = 1  # nothing that rises out of the noise and reaches a tenth of the usual stripe
+    NO_STRIPE = 1  # nothing that rises out of the noise and reaches a twelfth of the usual stripe
     TWO_STRIPES = 2  # another ridge is half as strong: a reflection
     OUT_OF_RANGE = 3  # the ray misses or grazes the laser plane, or the point lies outside of the stated range
     ISOLATED = 4  # no neighbours nearby: a glint or speckle

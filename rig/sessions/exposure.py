@@ -56,7 +56,7 @@ def stripe_level(shot: Shot) -> float:
         for column in (0, 1)
     ]
     peak_dn, stays_dn = max(levels)
-    if stays_dn > _STAYS * peak_dn:
+    if peak_dn <= max(stays_dn / _STAYS, 0.0):
         raise FrameCheckError(
             f"{shot.camera}: no stripe passes, or the room is brighter than it: of at most {peak_dn:.0f} dn over black "
             f"{stays_dn:.0f} dn are there all the time. Is the laser on, is another light?"

@@ -1,6 +1,7 @@
 """`rig displacement` on a described scan: what it writes, what it tells, what it refuses."""
 
 import re
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -83,20 +84,21 @@ def test_a_wrong_sign_is_told(ball, tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "images: Field required"),
+        ("", r"\[images\] Field required"),
         ("images = ", "not TOML"),
         (HEAD + TABLES, "turntable"),
         (HEAD + TABLES + TURNTABLE + "[stage]\ndirection = [1, 0, 0]\nstep_mm = 1", "one only"),
         (HEAD + TURNTABLE, "camera"),
         (HEAD + 'stripes = "boards"' + TABLES + TURNTABLE, "stripes"),
-        (HEAD + TABLES + TURNTABLE.replace("6", "0"), "step_deg: .*must not be 0"),
-        (HEAD + TABLES + TURNTABLE.replace("-3", "0"), "axis_direction: .*a direction has a length"),
+        (HEAD + TABLES + TURNTABLE.replace("6", "0"), r"step_deg\] .*must not be 0"),
+        (HEAD + TABLES + TURNTABLE.replace("-3", "0"), r"axis_direction\] .*a direction has a length"),
         (HEAD + TABLES + TURNTABLE.replace("0, -3, 0", "0, 0, 1"), "goes through the camera"),
-        (HEAD + TABLES.replace("800.0, 0.0", "800.0, 0.5") + TURNTABLE, "camera: .*a camera matrix is"),
-        (HEAD + TABLES.replace("-0.1, 0.03", "nan, 0.03") + TURNTABLE, "distortion.0: .*finite"),
-        (HEAD + 'laser = "ultraviolet"' + TABLES + TURNTABLE, "laser: .*'red', 'green', 'blue' or 'grey'"),
+        (HEAD + TABLES.replace("800.0, 0.0", "800.0, 0.5") + TURNTABLE, r"camera\] .*a camera matrix is"),
+        (HEAD + TABLES.replace("-0.1, 0.03", "nan, 0.03") + TURNTABLE, r"distortion.0\] .*finite"),
+        (HEAD + 'laser = "ultraviolet"' + TABLES + TURNTABLE, r"laser\] .*'red', 'green', 'blue' or 'grey'"),
+        (HEAD + 'laser = "grey"\nstripes = "boards"' + TURNTABLE, "a laser of a colour"),
         (HEAD + "depth_mm = [500, 300]" + TABLES + TURNTABLE, "from near to far"),
-        (HEAD + "colour = 3" + TABLES + TURNTABLE, "colour: Extra inputs"),
+        (HEAD + "colour = 3" + TABLES + TURNTABLE, r"colour\] Extra inputs"),
     ],
 )
 def test_wrong_descriptions_name_the_field(ball, tmp_path, text, said):
@@ -112,7 +114,9 @@ def test_wrong_descriptions_name_the_field(ball, tmp_path, text, said):
         (('"frames"', '"nowhere"'), "nowhere: neither a folder"),
         (('"frames"', '"frames"\nbackground = "empty.png"'), "empty.png"),
         (('"frames"', '"frames"\nlaser = "blue"'), "no stripe"),
-        (("107.5", "1107.5"), "calibrated at another size"),
+        (("107.5", "215.5"), "calibrated at another size"),
+        (("87.5", "43.5"), "calibrated at another size"),
+        (("[camera]", "[camera]\nsize_px = [432, 352]"), "calibrated at 432 x 352"),
         (('"frames"', '"frames"\ndepth_mm = [1, 2]'), "no measured point"),
     ],
 )
@@ -123,6 +127,41 @@ def test_pictures_that_do_not_fit_are_refused(ball, tmp_path, changes, said):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_stated_size_allows_any_centre(ball):
+    """Pictures may be a part of the sensor, as long as somebody says so."""
+    text = (ball / "scan.toml").read_text().replace("107.5", "20.5")
+    (ball / "part.toml").write_text(text.replace("[camera]", "[camera]\nsize_px = [216, 176]"))
+    assert open_scan(ball / "part.toml").setup.matrix[0, 2] == 20.5
+
+
+def test_results_are_not_laid_among_the_pictures(ball):
+    before = sorted((ball / "frames").iterdir())
+    with pytest.raises(ImageError, match="among the scan's pictures"):
+        list(measure_displacement(ball, ball / "frames" / "depth.png"))
+    assert sorted((ball / "frames").iterdir()) == before
+
+
+def test_a_missing_folder_is_told_before_anything_is_measured(ball, tmp_path):
+    lines = measure_displacement(ball, tmp_path / "absent" / "ball.ply")
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        next(lines)
+
+
+def test_a_wrong_colour_is_told(ball, tmp_path):
+    """In the difference of two colours without laser the noise is what makes stripes, several on a line."""
+    (tmp_path / "frames").mkdir()
+    for number in range(5):
+        with Image.open(ball / "frames" / f"{number}.png") as picture:
+            seen = np.asarray(picture).astype(np.float64)
+        seen[..., 1] += 40 * np.exp(-0.5 * ((np.arange(seen.shape[1]) % 54 - 27) / 2.0) ** 2)
+        Image.fromarray(np.clip(seen, 0, 255).astype(np.uint8)).save(tmp_path / "frames" / f"{number}.png")
+    (tmp_path / "scan.toml").write_text((ball / "scan.toml").read_text().replace(HEAD, HEAD + 'laser = "green"\n'))
+    lines = []
+    with suppress(ImageError):  # it may be that not one line is left
+        lines += measure_displacement(tmp_path, tmp_path / "ball.ply")
+    assert lines[1].startswith("WARNING: more scan lines show two stripes than one")
+
+
 def test_a_folder_is_what_lies_in_it(ball, tmp_path):
     lines = list(measure_displacement(ball, tmp_path / "ball.png"))
     assert lines[0].startswith("12 frames")
@@ -131,7 +170,7 @@ def test_a_folder_is_what_lies_in_it(ball, tmp_path):
 
 
 def test_absent_and_unknown_files_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match="cannot be read"):
+    with pytest.raises(ConfigError, match="no such file"):
         list(measure_displacement(tmp_path / "absent.toml", tmp_path / "a.png"))
     with pytest.raises(ImageError, match=r"the \.toml of a scan"):
         list(measure_displacement(tmp_path / "absent.mp4", tmp_path / "a.png"))

@@ -16,8 +16,10 @@ def test_names_are_sorted_as_people_count(tmp_path):
     for number in (10, 9, 1, 2):
         Image.fromarray(np.full((4, 5), number, np.uint8)).save(tmp_path / f"frame{number}.png")
     (tmp_path / "notes.txt").write_text("no picture")
+    (tmp_path / "._frame1.png").write_bytes(b"left by another system's copy")
+    Image.fromarray(np.full((4, 5), 11, np.uint8)).save(tmp_path / "frame10²3.png")  # digits that are no decimals
     frames = read_sequence(tmp_path)
-    assert [int(frame[0, 0]) for frame in frames] == [1, 2, 9, 10]
+    assert [int(frame[0, 0]) for frame in frames] == [1, 2, 9, 10, 11]
     assert [int(frame[0, 0]) for frame in frames[1:3]] == [2, 9]
 
 
@@ -33,6 +35,12 @@ def test_pictures_are_read_as_they_are_stored(tmp_path, suffix, content, bits):
     read = read_picture(path)
     assert read.dtype == stored.dtype
     np.testing.assert_array_equal(read, stored)
+
+
+def test_colour_with_transparency_keeps_its_bits(tmp_path):
+    stored = RNG.integers(0, 65536, (6, 8, 4)).astype(np.uint16)
+    assert cv2.imwrite(str(tmp_path / "a.png"), stored)
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.png"), stored[..., 2::-1])
 
 
 def test_animations_are_sequences(tmp_path):
@@ -76,3 +84,15 @@ def test_pictures_without_counts_are_refused(tmp_path):
     Image.fromarray(np.ones((4, 5), np.float32)).save(tmp_path / "float.tif")
     with pytest.raises(ImageError, match="8 or 16 bits"):
         read_picture(tmp_path / "float.tif")
+    Image.fromarray(np.full((4, 5), 70_000, np.int32)).save(tmp_path / "long.tif")
+    with pytest.raises(ImageError, match="70000; 8 or 16 bits"):
+        read_picture(tmp_path / "long.tif")
+
+
+def test_pictures_too_large_to_be_opened_are_named(tmp_path, monkeypatch):
+    path = tmp_path / "large.png"
+    Image.new("L", (64, 64)).save(path)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
+    for read in (read_picture, lambda path: read_sequence(path.parent)):
+        with pytest.raises(ImageError, match=r"large\.png: .*decompression bomb"):
+            read(path)

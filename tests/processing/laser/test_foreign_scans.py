@@ -2,18 +2,21 @@
 
 import shutil
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from scipy.io import loadmat, savemat
 
 from processing.errors import CalibrationError, ImageError
 from processing.formats.sequence import read_animation
 from processing.laser.depth_picture import depth_picture, write_point_cloud
 from processing.laser.hand_sweep import laser_sweep, read_intrinsics
 from processing.laser.laser_chessboard import laser_chessboard
+from processing.laser.stripe import LaserColour
 from tests.benchmarks.lasers import real
 from tests.public_data import DATA
 
@@ -72,6 +75,33 @@ def test_damaged_folder_is_named(tmp_path, damage):
         (tmp_path / "Calib_Results.mat").write_bytes(b"MATLAB 5.0 but not really" * 10)
     with pytest.raises(ImageError, match=r"image001\.png|Calib_Results\.mat"):
         laser_chessboard(tmp_path)
+
+
+@with_chessboard
+def test_a_camera_on_its_side_and_a_green_laser_see_the_same_plane(tmp_path):
+    """The photographs turned by a quarter, red and green exchanged, and the calibration that goes with them."""
+    found = laser_chessboard(CHESSBOARD)
+    width = found.size_px[0]
+    for path in CHESSBOARD.glob("image*.png"):
+        with Image.open(path) as picture:
+            rgb = np.asarray(picture.convert("RGB"))
+        Image.fromarray(np.rot90(rgb)[..., [1, 0, 2]]).save(tmp_path / path.name, compress_level=1)
+    old = loadmat(CHESSBOARD / "Calib_Results.mat")
+    side = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])  # what was down is right
+    (fx, _, cx), (_, fy, cy), _ = old["KK"]
+    k1, k2, p1, p2, k3 = old["kc"].ravel()
+    new = {"KK": np.array([[fy, 0, cy], [0, fx, width - 1 - cx], [0, 0, 1]]), "kc": np.array([k1, k2, -p2, p1, k3])}
+    new |= {"nx": old["ny"], "ny": old["nx"], "active_images": old["active_images"]}
+    for key, value in old.items():
+        if key.startswith("omc_") and key[4:].isdecimal():
+            turned, _ = cv2.Rodrigues(side @ cv2.Rodrigues(value)[0])
+            new |= {key: turned, f"Tc_{key[4:]}": side @ old[f"Tc_{key[4:]}"], f"X_{key[4:]}": old[f"X_{key[4:]}"]}
+    savemat(tmp_path / "Calib_Results.mat", new)
+    turned = laser_chessboard(tmp_path, LaserColour.GREEN)
+    assert turned.size_px == found.size_px[::-1]
+    assert len(turned.points_m) == pytest.approx(len(found.points_m), rel=0.01)
+    np.testing.assert_allclose(turned.plane.normal, side @ found.plane.normal, atol=1e-5)
+    assert turned.plane.offset_m == pytest.approx(found.plane.offset_m, abs=1e-6)
 
 
 @with_sweep
@@ -141,7 +171,20 @@ def test_intrinsics_that_are_none_are_refused(tmp_path, content):
     path = tmp_path / "k.xml"
     path.write_text(content)
     with pytest.raises(CalibrationError):
-        read_intrinsics(path, 1.0)
+        read_intrinsics(path, 320)
+
+
+@pytest.mark.parametrize(("stated", "scale"), [("", 0.25), ("<image_width>640</image_width>", 0.5)])
+def test_intrinsics_are_reduced_to_the_width_of_the_pictures(tmp_path, stated, scale):
+    """The centre of the whole picture stays there: pixel centres are at integers."""
+    path, width = tmp_path / "k.xml", 320 / scale
+    path.write_text(
+        f"<o>{stated}<K><data>1000 0 {(width - 1) / 2} 0 1000 99.5 0 0 1</data></K>"
+        "<dist><data>0 0 0 0 0</data></dist></o>"
+    )
+    matrix, _ = read_intrinsics(path, 320)
+    assert matrix[0, 0] == pytest.approx(1000 * scale)
+    assert matrix[0, 2] == pytest.approx(159.5)
 
 
 def test_depth_picture_orders_depths():

@@ -30,6 +30,12 @@ def test_moving_speckle_has_its_contrast_and_decorrelates_with_the_stripes_trave
         assert np.corrcoef(here, there)[0, 1] == pytest.approx(expected, abs=0.06 + 5 * sigma)
 
 
+def test_no_speckle_is_darker_than_black():
+    factors = Speckle(still=0.3).fixed(COUNT, ("test",))
+    assert factors.min() == 0.0  # at 3.3 sigma: some ten of these pixels
+    assert factors.mean() == pytest.approx(1, abs=0.01)
+
+
 def test_a_long_exposure_averages_moving_speckle():
     speckle = Speckle(moving=CONTRAST)
     steps = [_factors(speckle, at, at) for at in np.arange(0.05, 6, 0.1)]

@@ -91,7 +91,7 @@ def _draw_sweeps(axes: Axes, sweeps: Sequence[Mapping[str, Any]]) -> None:
     places = np.arange(len(sweeps))
     consistency = [np.nan if s["consistency"] is None else s["consistency"] for s in sweeps]
     labels = [f"{s['laser_azimuth_deg']:+g} / {s['laser_elevation_deg']:g}" for s in sweeps]
-    axes.barh(places - 0.2, consistency, 0.4, color="C0", label="RMS deviation from the others, in sigmas")
+    axes.barh(places - 0.2, consistency, 0.4, color="C0", label="deviation from what all agree on, in sigmas")
     axes.barh(places + 0.2, [s["completeness"] for s in sweeps], 0.4, color="C2", label="share of pixels measured")
     for place, sweep in enumerate(sweeps):
         if sweep["status"] != "OK":

@@ -168,6 +168,9 @@ def btf_errors(session: Session, calibrations: Calibrations, simulation: Simulat
     return BtfErrors(spread.rms, float(np.sqrt(left / whole)), spread, truth)
 
 
+FALSE_M = 5e-4
+
+
 @dataclass(frozen=True, eq=False)
 class MdfErrors:
     """Measured displacements (view, y, x) against the true ones, in metres, and which texels were measured.
@@ -175,7 +178,7 @@ class MdfErrors:
     A texel can be measured where the camera sees a surface that at least one laser location lights: `completeness` is
     the share of these that were. `false_points` are measured texels that cannot be, and those more than FALSE_M off, as
     a share of all measured ones. `within_one_code_step` is the share of the texels that can be measured whose value is
-    within one step of the MDF's 8-bit code from the truth.
+    within one step of the MDF's 8-bit code from the truth. Shares of nothing are NaN.
     """
 
     error_m: Distribution
@@ -202,15 +205,16 @@ class MdfErrors:
         return cls(
             Distribution.of(error_m),
             Distribution.of(error_m / np.sqrt(mdf.variance_m2)),
-            float(measured[can_be].mean()),
-            float((off | ~can_be)[measured].mean()),
-            float(close[can_be].mean()),
+            _share(measured[can_be]),
+            _share((off | ~can_be)[measured]),
+            _share(close[can_be]),
             truth_m,
             mdf.displacement_m,
         )
 
 
-FALSE_M = 5e-4
+def _share(which: NDArray[np.bool_]) -> float:
+    return float(which.mean()) if which.size else float("nan")
 
 
 def mdf_errors(session: Session, simulation: Simulation) -> MdfErrors:

@@ -16,34 +16,43 @@ class Merged:
 
     `variance_m2` is that of the weighted mean; where sweeps contradict each other and neither has the majority it
     includes their disagreement. `used` (h, w) counts the sweeps that agree, `rejected` those that do not.
-    `consistency` (k,) is every sweep's RMS deviation from the merged value in its own sigmas where others measured
-    too: near 1 where its variance tells the truth, larger where its plane is off.
+    `consistency` (k,) is the bulk of every sweep's deviations from the merged value where others measured too, in its
+    own sigmas: near 1 where its variance tells the truth, larger where its plane is off, NaN where it is alone.
     """
 
     displacement_m: NDArray[np.float32]
     variance_m2: NDArray[np.float32]
-    used: NDArray[np.uint8]
-    rejected: NDArray[np.uint8]
+    used: NDArray[np.uint16]
+    rejected: NDArray[np.uint16]
     consistency: Array
 
 
 def merge_displacements(
-    displacement_m: NDArray[np.floating], variance_m2: NDArray[np.floating], weights: Array | None = None
+    displacement_m: NDArray[np.floating],
+    variance_m2: NDArray[np.floating],
+    weights: Array | None = None,
+    roughness_m: float = 0.0,
 ) -> Merged:
     """Merge the sweeps (k, h, w) of one view over the laser's locations.
 
-    Weighted mean of what lies within four sigmas of the weighted median: D = sum w_i D_i / sum w_i. Weights are inverse
-    variances, which are best, or `weights` (k,) per location, such as the paper's (`tetrahedron_weights`);
-    0 leaves a location out.
+    Weighted mean D = sum w_i D_i / sum w_i of the sweeps that agree: all where they lie within four sigmas of their
+    mean, else those about the one that is nearest to most others. Weights are inverse variances, which are best, or
+    `weights` (k,) per location, such as the paper's (`tetrahedron_weights`); 0 leaves a location out. Where many sweeps
+    would be left out they may differ by `roughness_m` too (standard deviation), which what a pixel sees of a rough
+    surface from different sides differs by.
     Source: Wang et al. 2005, section 3.2.
     """
     locations, *shape = displacement_m.shape
-    values, variances = (np.ascontiguousarray(array).reshape(locations, -1) for array in (displacement_m, variance_m2))
+    values, variances = (
+        np.ascontiguousarray(array).reshape(locations, np.prod(shape, dtype=int))
+        for array in (displacement_m, variance_m2)
+    )
     given = np.empty(0) if weights is None else np.asarray(weights, np.float64)
     merged = np.empty((2, *shape), np.float32)
-    counts = np.empty((2, *shape), np.uint8)
+    counts = np.empty((2, *shape), np.uint16)
     histogram = np.zeros((displacement_kernel.BLOCKS, locations, displacement_kernel.BINS), np.int64)
-    displacement_kernel.merge_samples(values, variances, given, merged.reshape(2, -1), counts.reshape(2, -1), histogram)
+    outputs = merged.reshape(2, -1), counts.reshape(2, -1), histogram
+    displacement_kernel.merge_samples((values, variances), given, float(roughness_m) ** 2, *outputs)
     return Merged(merged[0], merged[1], counts[0], counts[1], _consistency(histogram.sum(axis=0)))
 
 

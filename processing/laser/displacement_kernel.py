@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 OUTLIER = 4.0  # sigmas
-AGREEMENT_M = 25e-6  # two locations see a rough surface's pixel differently by about this much
 BINS = 2048  # of the squared deviations s in variances, even in s / (1 + s)
 BLOCKS = 32  # of pixels, which count their deviations apart
 
@@ -18,7 +17,7 @@ def _gather(values: NDArray[np.floating], variances: NDArray[np.floating], p: in
     for k in range(values.shape[0]):
         value, variance = float(values[k, p]), float(variances[k, p])
         weight = 1.0 / variance if weights.size == 0 else weights[k]
-        if np.isfinite(value) and np.isfinite(variance) and variance > 0.0 and weight > 0.0:
+        if np.isfinite(value) and np.isfinite(variance) and variance > 0.0 and 0.0 < weight < np.inf:
             own[0, count], own[1, count], own[2, count], own[3, count], own[4, count] = value, variance, weight, k, 1.0
             count += 1
     return count
@@ -48,37 +47,37 @@ def _mean(own: Array, count: int) -> tuple[float, float]:
 
 
 @njit(inline="always")
-def _consensus(own: Array, count: int) -> int:
+def _consensus(own: Array, count: int, rough: float) -> int:
     """The sample that is nearest to most others: least sum of squares in sigmas, cut off where samples disagree."""
     best, least = 0, np.inf
     for i in range(count):
         cost = 0.0
         for j in range(count):
             apart = own[0, i] - own[0, j]
-            cost += min(apart * apart / (own[1, j] + AGREEMENT_M * AGREEMENT_M), OUTLIER * OUTLIER)
+            cost += min(apart * apart / (own[1, j] + rough), OUTLIER * OUTLIER)
         if cost < least or (cost == least and own[0, i] < own[0, best]):  # of two alike the nearer to the camera
             best, least = i, cost
     return best
 
 
 @njit(inline="always")
-def _settle(own: Array, count: int) -> tuple[float, float, int]:
+def _settle(own: Array, count: int, rough: float) -> tuple[float, float, int]:
     """Weighted mean, its variance and the number of the samples that agree, which are marked.
 
     Where four in five of those agree within their own noise, the surface is smooth there and the others are wrong;
-    elsewhere locations may differ by its roughness.
+    elsewhere locations may differ by its roughness, of which `rough` is the variance.
     """
     value, variance = _mean(own, count)
     if _near(own, count, value, variance) < count:
-        centre = _consensus(own, count)
+        centre = _consensus(own, count, rough)
         value, variance = own[0, centre], own[1, centre]
         strict = _near(own, count, value, variance)
-        loose = _near(own, count, value, variance + AGREEMENT_M * AGREEMENT_M)
-        roughness = AGREEMENT_M * AGREEMENT_M if 5 * strict < 4 * loose else 0.0
-        _near(own, count, value, variance + roughness)
+        loose = _near(own, count, value, variance + rough)
+        allowed = rough if 5 * strict < 4 * loose else 0.0
+        _near(own, count, value, variance + allowed)
         value, variance = _mean(own, count)
-        if _near(own, count, value, variance + roughness) == 0:
-            _near(own, count, own[0, centre], own[1, centre] + roughness)
+        if _near(own, count, value, variance + allowed) == 0:
+            _near(own, count, own[0, centre], own[1, centre] + allowed)
         value, variance = _mean(own, count)
     used = 0
     for i in range(count):
@@ -112,17 +111,19 @@ def _quarrel(own: Array, count: int, mean: float) -> float:
 
 @njit(parallel=True, cache=True, error_model="numpy")
 def merge_samples(
-    values: NDArray[np.floating],
-    variances: NDArray[np.floating],
+    samples: tuple[NDArray[np.floating], NDArray[np.floating]],
     weights: Array,
+    rough: float,
     merged: NDArray[np.float32],
-    counts: NDArray[np.uint8],
+    counts: NDArray[np.uint16],
     histogram: NDArray[np.int64],
 ) -> None:
-    """Merge samples (k, n) of k locations: mean and variance (2, n), numbers used and rejected (2, n).
+    """Merge values and variances (k, n) of k locations: mean and variance (2, n), numbers used and rejected (2, n).
 
-    `weights` (k,) per location, or none for inverse variances. `histogram` (blocks, k, bins) counts deviations.
+    `weights` (k,) per location, or none for inverse variances. Locations may differ by a roughness of which `rough` is
+    the variance. `histogram` (blocks, k, bins) counts deviations.
     """
+    values, variances = samples
     pixels = values.shape[1]
     for block in prange(histogram.shape[0]):
         own = np.empty((5, values.shape[0]))
@@ -132,7 +133,7 @@ def merge_samples(
             counts[0, p] = counts[1, p] = 0
             if count == 0:
                 continue
-            mean, variance, used = _settle(own, count)
+            mean, variance, used = _settle(own, count, rough)
             counts[0, p], counts[1, p] = used, count - used
             if count > 1:
                 _count_deviations(own, count, (mean, variance), histogram[block])

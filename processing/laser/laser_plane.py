@@ -47,7 +47,7 @@ class SweepStatus(IntEnum):
 
     OK = 0
     ONE_HEIGHT = 1  # only one height saw the stripe: the laser's place is as good as its nominal numbers
-    NO_STRIPE = 2  # too few reference pixels saw the stripe, or it did not move
+    NO_STRIPE = 2  # too few reference pixels saw the stripe, or it did not move as one plane
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +164,8 @@ def fit_sweep(points_m: Array, time_frames: Array, time_variance: Array, mount: 
         return _no_stripe(mount, len(points_m))
     solution, covariance, weights = problem.solve()
     used = problem.points_m[weights > 0.0]
+    if len(used) < _MIN_POINTS or not (np.isfinite(covariance).all() and (np.diagonal(covariance) > 0.0).all()):
+        return _no_stripe(mount, len(points_m))
     one_height = float(np.mean(used[:, 2] < used[:, 2].max() - _STEP_M)) < _SECOND_HEIGHT
     return LaserSweep(
         SweepStatus.ONE_HEIGHT if one_height else SweepStatus.OK,
@@ -199,13 +201,15 @@ class _Problem:
         self.bend = np.einsum("ki,kj->ij", second, second)
 
     def solve(self) -> tuple[Array, Array, Array]:
-        """Solution, covariance, and the final robust weights of the points."""
+        """Solution, covariance, and the final robust weights of the points; nonsense has no covariance."""
         solution, before = self.start, np.full(len(self.time), np.inf)
         for iteration in range(_ITERATIONS):
             residual, speed = self._residuals(solution)
             sigma = self._sigma(residual, speed)
             weights = biweight(residual, sigma)
             covariance, step = self._step(solution, (residual, weights / sigma**2), speed)
+            if not np.isfinite(step).all():
+                break
             if iteration > 5 and np.abs(residual - before).max() < 1e-2 * np.median(sigma):
                 break
             solution, before = solution + step, residual

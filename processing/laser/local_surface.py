@@ -21,6 +21,7 @@ _LENGTH = 6.0  # of its correlation: as wide as the neighbourhood
 _SLOPE = 1.0  # standard deviation of a surface's slope: 45 degrees
 _OFFSET = 100.0  # of its height about the samples' median: hardly any belief
 _ABSENT = 1e12  # variance of a sample that was not measured
+_EXACT = 1e-8  # least variance: beside _OFFSET, double precision knows no less
 _GAP = 1.0  # between the samples of two surfaces, at least
 _EDGE = 0.15  # standard deviation of where an edge runs between samples
 _SHARE_ROUNDS = 4
@@ -63,7 +64,9 @@ def predict_surface(samples: Samples) -> Array:
     middle = (samples.measured.sum(axis=1) - 1) // 2
     median = np.take_along_axis(ordered, middle[:, None], axis=1)
     value = np.where(samples.measured, samples.value - median, 0.0)
-    known = replace(samples, value=value, variance=np.where(samples.measured, samples.variance, _ABSENT))
+    known = replace(
+        samples, value=value, variance=np.where(samples.measured, np.maximum(samples.variance, _EXACT), _ABSENT)
+    )
     one, upper, lower = _one_surface(known), *_two_surfaces(known)
     value, variance = _decided(_joined([one, upper, lower]))
     return np.stack([value + median[:, 0], variance], axis=1)

@@ -17,13 +17,14 @@ from processing.laser.holder import Holder, reference_region, wanted_pixels
 from processing.laser.laser_plane import LaserMount, LaserSweep, SweepStatus, sweep_planes
 from processing.laser.range_image import RangeImage, RangeStatus, range_image
 from processing.laser.space_time import PeakStatus, PeakTimes, PulseSettings, peak_times
-from processing.laser.texel_range import texel_displacement
+from processing.laser.texel_range import pixel_extent, texel_displacement
 from processing.products.mdf import Mdf
 from processing.radiometry.sensor import Sensor
 
 Array = NDArray[np.float64]
 DIM = 0.03  # of the white frame's pulse: darker ones are interreflections, not the stripe
 DOUBT = 0.1  # of the box's depth: a texel with a larger standard deviation is a hole
+ROUGHNESS_PX = 0.15  # locations light a pixel unevenly: anywhere in its middle half, on a slope of 45 degrees
 _MERGED = ("displacement_m", "variance_m2", "used", "rejected")  # the images of Merged
 
 
@@ -129,15 +130,21 @@ def measure_sweep(sweep: Sweep, holder: Holder, settings: PulseSettings | None =
 
 def merge_view(view: str, results: Sequence[SweepResult], weighting: Weighting) -> ViewResult:
     """Merge the sweeps of one view over the laser's locations, where their pixels look at the sample."""
-    weights = None
+    camera, weights = results[0].sweep.camera, None
     if weighting == Weighting.TETRAHEDRON:
-        weights = tetrahedron_weights(np.stack([r.laser.source_m for r in results]), results[0].sweep.camera.centre_m)
+        weights = tetrahedron_weights(np.stack([r.laser.source_m for r in results]), camera.centre_m)
     looking = results[0].image.status != RangeStatus.NOT_SAMPLE
     displacement, variance = (
         np.stack([getattr(r.image, name)[looking] for r in results])[:, None] for name in _MERGED[:2]
     )
-    merged = _spread(merge_displacements(displacement, variance, weights), looking)
+    merged = _spread(merge_displacements(displacement, variance, weights, ROUGHNESS_PX * _pixel_m(camera)), looking)
     return ViewResult(view, merged, tuple(r.laser for r in results), tuple(r.completeness for r in results))
+
+
+def _pixel_m(camera: CameraModel) -> float:
+    """Side of a pixel on the reference plane, in the middle of the sample."""
+    pitch_m = 1e-3 * float(np.linalg.norm(camera.centre_m))
+    return pixel_extent(camera.project(geometry.texel_grid(2, 2 * pitch_m)), pitch_m)
 
 
 def _spread(merged: Merged, looking: NDArray[np.bool_]) -> Merged:

@@ -21,7 +21,7 @@ def residuals(points: Array, time: Array, frame: Array, spline: tuple[Array, Arr
         out[0, i] = angle - expected
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def normal_equations(
     points: Array, time: Array, errors: tuple[Array, Array], frame: Array, knots: Array, out: tuple[Array, Array]
 ) -> None:
@@ -48,9 +48,9 @@ def normal_equations(
                 normal[place[a], place[b]] += scaled * row[b]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def invert(matrix: Array) -> None:
-    """Invert a symmetric positive definite matrix (n, n) in place, by Gauss and Jordan.
+    """Invert a symmetric positive definite matrix (n, n) in place, by Gauss and Jordan; not finite where it has none.
 
     A hundred unknowns take a millisecond; a library that wakes threads for them waits longer than that on a busy
     machine.

@@ -26,14 +26,15 @@ def texel_displacement(
     of the other: `local_surface` predicts it from them. The variance is that of the prediction: large on steep or
     ragged places, and where it is open which of two surfaces lies on the ray. NaN where no measured pixel is near.
     """
-    values, variances = np.asarray(displacement_m, np.float64), np.asarray(variance_m2, np.float64)
-    places, pixel_m = uv_px.reshape(-1, 2), _pixel_extent(uv_px, pitch_m)
+    places, pixel_m = uv_px.reshape(-1, 2), pixel_extent(uv_px, pitch_m)
+    values = np.asarray(displacement_m, np.float64) / pixel_m
+    variances = np.asarray(variance_m2, np.float64) / pixel_m**2
     found = np.full((len(places), 2), np.nan)
     telling = _telling(np.isfinite(values))
     seen = np.flatnonzero(((places > -1.0) & (places < np.array(values.shape[::-1]))).all(axis=1))
     for start in range(0, len(seen), _CHUNK):
         part = seen[start : start + _CHUNK]
-        samples, expected = _around(values / pixel_m, variances / pixel_m**2, telling, places[part])
+        samples, expected = _around(values, variances, telling, places[part])
         within = _on_measured(samples, expected)
         if within.any():
             found[part[within]] = predict_surface(samples.chosen(within)) * (pixel_m, pixel_m**2)
@@ -63,8 +64,8 @@ def _on_measured(samples: Samples, expected: NDArray[np.bool_]) -> NDArray[np.bo
     return np.asarray(near & (level > _INSIDE))
 
 
-def _pixel_extent(uv_px: Array, pitch_m: float) -> float:
-    """Side in metres of the square that is as large as a pixel on the reference plane."""
+def pixel_extent(uv_px: Array, pitch_m: float) -> float:
+    """Side in metres of a square as large as a pixel on the reference plane, seen at `uv_px` (n, n, 2)."""
     steps = [np.diff(uv_px, axis=axis).reshape(-1, 2) for axis in (0, 1)]
     known = [step[np.isfinite(step).all(axis=1)] for step in steps]
     if min(len(step) for step in known) == 0:

@@ -23,7 +23,7 @@ from service.mdf_pictures import draw_view
 from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 
-CONTRADICTS = 2.0  # sigmas, RMS, by which a sweep deviates from the others: its plane or its variance is wrong
+CONTRADICTS = 2.0  # sigmas by which the bulk of a sweep deviates from the others: its plane or its variance is wrong
 _TROUBLES = {
     SweepStatus.NO_STRIPE: "no laser stripe moves over the white frame: the sweep is left out",
     SweepStatus.ONE_HEIGHT: "the stripe is seen at one height of the white frame only: the laser is taken to be where "

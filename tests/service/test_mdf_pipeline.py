@@ -25,7 +25,7 @@ from service.pipeline import mdf as pipeline
 from service.pipeline import process
 from service.pipeline.calibrations import CALIBRATION, CAMERAS, Calibrations, load_calibrations
 from service.simulation import Simulation
-from service.truth import mdf_errors
+from service.truth import MdfErrors, mdf_errors
 
 PLAN = {
     "kind": "mdf", "sample": "brick", "turntable_deg": [0], "laser_azimuth_deg": [60, -120],
@@ -196,3 +196,14 @@ def measured_sensor(stated, hot):
         Transfer(*[nothing] * 7),
     )
     return SensorCalibration("", "", 100.0, stated, measurement)
+
+
+@pytest.mark.parametrize("lit", [False, True])
+def test_shares_of_nothing_are_not_known(lit):
+    """An MDF without a measured texel: complete by nothing where some can be measured, false points not known."""
+    nothing = np.full((1, 4, 4), np.nan, np.float32)
+    mdf = Mdf(nothing, nothing, np.array([[0.0, 0.0, 1.0]]), 0.1)
+    errors = MdfErrors.of(mdf, np.zeros((1, 4, 4)), np.full((1, 4, 4), lit))
+    np.testing.assert_equal(errors.completeness, 0.0 if lit else np.nan)
+    np.testing.assert_equal(errors.within_one_code_step, 0.0 if lit else np.nan)
+    assert np.isnan(errors.false_points)

@@ -87,9 +87,15 @@ def test_given_weights_count_by_their_ratio_and_none_by_nothing(seed, factor):
     assert not merge_displacements(values, variances, 0 * weights).used.any()
 
 
-@given(seed=st.integers(0, 10**6), sweeps=st.integers(1, 9), paper=st.booleans(), single=st.booleans())
+@given(
+    seed=st.integers(0, 10**6),
+    sweeps=st.integers(1, 9),
+    paper=st.booleans(),
+    single=st.booleans(),
+    roughness_m=st.sampled_from([0.0, 25e-6, 1e-3]),
+)
 @settings(max_examples=30, deadline=None)
-def test_merge_equals_its_twin(seed, sweeps, paper, single):
+def test_merge_equals_its_twin(seed, sweeps, paper, single, roughness_m):
     """Also with false points, equal values, infinities, variances of 0, and in single precision."""
     rng = np.random.default_rng(seed)
     _, values, variances = stack(seed, sweeps, (6, 7))
@@ -99,10 +105,10 @@ def test_merge_equals_its_twin(seed, sweeps, paper, single):
     dtype = np.float32 if single else np.float64
     values, variances = values.astype(dtype), variances.astype(dtype)
     weights = rng.uniform(0.0, 2.0, sweeps).round(1) if paper else None
-    merged = merge_displacements(values, variances, weights)
+    merged = merge_displacements(values, variances, weights, roughness_m)
     for place in np.ndindex(values.shape[1:]):
         one = (slice(None), *place)
-        value, variance, used, rejected = merge_pixel(values[one], variances[one], weights)
+        value, variance, used, rejected = merge_pixel(values[one], variances[one], weights, roughness_m)
         np.testing.assert_allclose(merged.displacement_m[place], value, rtol=1e-6)
         np.testing.assert_allclose(merged.variance_m2[place], variance, rtol=1e-5)
         assert (merged.used[place], merged.rejected[place]) == (used, rejected)
@@ -172,8 +178,29 @@ def test_rough_surfaces_keep_all_their_locations():
     """Locations that differ by 25 um of roughness, five of their sigmas, are no outliers, but for one in ten."""
     rng = np.random.default_rng(8)
     values = 0.002 + rng.normal(0, 25e-6, (8, 50, 50)) + rng.normal(0, 5e-6, (8, 50, 50))
-    merged = merge_displacements(values, np.full(values.shape, 25e-12))
+    merged = merge_displacements(values, np.full(values.shape, 25e-12), roughness_m=25e-6)
     assert np.mean(merged.rejected) < 0.1 * 8
+
+
+@given(seed=st.integers(0, 10**6), power=st.integers(-20, 20), roughness_m=st.sampled_from([0.0, 25e-6]))
+@settings(max_examples=25, deadline=None)
+def test_lengths_may_be_in_any_unit(seed, power, roughness_m):
+    """Powers of two, which no rounding touches: the same samples agree, to the last bit."""
+    rng, unit = np.random.default_rng(seed), 2.0**power
+    _, values, variances = stack(seed, sweeps=7)
+    values += rng.normal(0, 25e-6, values.shape) + np.where(rng.random(values.shape) < 0.1, 0.001, 0.0)
+    plain = merge_displacements(values, variances, None, roughness_m)
+    other = merge_displacements(unit * values, unit**2 * variances, None, unit * roughness_m)
+    np.testing.assert_array_equal(other.displacement_m, np.float32(unit) * plain.displacement_m)
+    np.testing.assert_array_equal(other.used, plain.used)
+    np.testing.assert_array_equal(other.consistency, plain.consistency)
+
+
+def test_locations_are_counted_beyond_a_byte():
+    values = np.full((300, 1, 1), 0.002)
+    values[:20] = 0.003
+    merged = merge_displacements(values, np.full(values.shape, 1e-10))
+    assert (merged.used[0, 0], merged.rejected[0, 0]) == (280, 20)
 
 
 def test_two_that_contradict_say_so():

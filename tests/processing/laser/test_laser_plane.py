@@ -355,3 +355,25 @@ def test_a_standing_stripe_is_a_status():
     points, times = reference(RIG)
     sweep = fit_sweep(points, np.full(times.size, 12.0), np.full(times.size, 1e-4), RIG.mount)
     assert sweep.status == SweepStatus.NO_STRIPE
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), kind=st.sampled_from(["one place", "flashes", "exact", "anything"]))
+def test_what_is_no_sweep_is_told(seed, kind):
+    """Points that no moving plane meets, and variances of any size: planes with a covariance, or none at all."""
+    rng = np.random.default_rng(seed)
+    mount = Rig(camera_at(60), flat(0.002)).mount
+    count = int(rng.choice([60, 80, 400]))
+    points = np.column_stack([rng.uniform(-0.05, 0.05, (count, 2)), -0.008 * rng.integers(0, 2, count)])
+    times = rng.uniform(0.0, 100.0, count)
+    variances = 10.0 ** rng.uniform(-30, 30, count)
+    if kind == "one place":
+        points[:] = points[0] + 1e-9 * rng.random((count, 3))
+    elif kind == "flashes":
+        times = rng.choice([0.0, 30.0], count)
+    elif kind == "exact":
+        variances[:] = 1e-300
+    sweep = fit_sweep(points, times, variances, mount)
+    if sweep.status != SweepStatus.NO_STRIPE:
+        assert np.isfinite(sweep.spline.c).all()
+        assert (np.diag(sweep.covariance) > 0).all()

@@ -98,3 +98,17 @@ def test_lifted_surfaces_and_missing_samples(seed, lift, missing):
     lifted = predict_surface(Samples(samples.offset, junk, np.where(measured, samples.variance, np.inf), measured))
     np.testing.assert_allclose(lifted - [lift, 0.0], plain, rtol=1e-4, atol=1e-6 * (1 + abs(lift)))
     assert np.isfinite(plain).all()
+
+
+@pytest.mark.parametrize("variance", [1e-300, 1e-40, 1e-12, 1e12])
+def test_no_variance_is_too_small_or_too_large(variance):
+    """Samples that claim to be exact, beside others that are not: finite, and of exact ones the surface they show."""
+    rng = np.random.default_rng(6)
+    samples = around(rng, 60, lambda x, y: 0.3 * x - 0.1 * y + 2.0, 0.0)
+    mixed = np.where(rng.random(samples.value.shape) < 0.5, variance, 0.01)
+    for variances in (np.full(samples.value.shape, variance), mixed):
+        found = predict_surface(Samples(samples.offset, samples.value, variances, samples.measured))
+        assert np.isfinite(found).all()
+        assert (found[:, 1] >= 0.0).all()
+        if variance < 1.0:
+            np.testing.assert_allclose(found[:, 0], 2.0, atol=0.1)

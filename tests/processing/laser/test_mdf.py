@@ -1,11 +1,14 @@
 """The MDF of a bump from two views and three laser locations, against the marched truth at its texels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from processing import geometry
 from processing.errors import ImageError
-from processing.laser.mdf import Sweep, Weighting, mdf_from_sweeps
+from processing.laser.mdf import Sweep, SweepResult, Weighting, mdf_from_sweeps, merge_view
+from processing.laser.range_image import RangeImage, RangeStatus
 from tests.reference.stripe_rig import HOLDER, SENSOR, Rig, bump, camera_at, shoot
 
 TEXELS = 32
@@ -81,3 +84,26 @@ def test_variances_weigh_better_than_volumes(sweeps, result):
 def test_no_sweeps_are_refused():
     with pytest.raises(ImageError):
         mdf_from_sweeps([], HOLDER, 8)
+
+
+def test_a_sample_eight_times_larger_keeps_the_same_locations(sweeps):
+    """Rough by a tenth of a pixel: how much locations may differ grows with what a pixel sees; powers of two round not.
+
+    At the eightfold size with the roughness of the single one most of them would be left out.
+    """
+    rng = np.random.default_rng(5)
+    pixel_m = 1e-3  # 1 m away with a focal length of 1000 pixels
+    camera = sweeps[0].camera
+    values = 0.002 + 0.1 * pixel_m * rng.normal(size=(12, *camera.size))
+    found = []
+    for scale in (1.0, 8.0):
+        pose = camera.rig_from_camera.copy()
+        pose[:3, 3] *= scale
+        sweep = replace(sweeps[0], camera=replace(camera, rig_from_camera=pose), frames=())
+        variance = np.full(camera.size, (0.01 * pixel_m * scale) ** 2, np.float32)
+        status = np.full(camera.size, RangeStatus.MEASURED, np.uint8)
+        images = [RangeImage(np.float32(scale) * value.astype(np.float32), variance, status) for value in values]
+        found.append(merge_view("", [SweepResult(sweep, None, None, i) for i in images], Weighting.VARIANCE).merged)
+    np.testing.assert_array_equal(found[1].displacement_m, np.float32(8.0) * found[0].displacement_m)
+    np.testing.assert_array_equal(found[1].used, found[0].used)
+    assert np.mean(found[0].used) > 0.9 * 12

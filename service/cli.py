@@ -204,9 +204,9 @@ def displacement(
 ) -> None:
     """Measure range in laser images that another rig took: stripe, laser plane, depth picture and point cloud.
 
-    A folder is photographs of the stripe on a chessboard with their MATLAB calibration, or a scan with its scan.toml; a
-    GIF is a laser swept by hand before two printed rectangles, with intrinsics.xml beside it or none; a TOML describes
-    pictures of an object on a turntable or a stage before a laser that stands. What each needs:
+    A folder is photographs of the stripe on a chessboard, with board.toml or their MATLAB calibration, or a scan with
+    its scan.toml; a GIF is a laser swept by hand before two printed rectangles, with intrinsics.xml beside it or none;
+    a TOML describes pictures of an object on a turntable or a stage before a laser that stands. What each needs:
     docs/range-of-your-own-images.md
     """
     from service import ranging

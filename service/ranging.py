@@ -11,15 +11,16 @@ from processing.errors import ImageError
 from processing.formats.sequence import PictureFiles
 from processing.laser.depth_picture import depth_picture, write_point_cloud
 from processing.laser.hand_sweep import laser_sweep
-from processing.laser.laser_chessboard import LaserChessboard, laser_chessboard
+from processing.laser.laser_chessboard import BoardCalibration
 from processing.laser.motion import Motion
 from processing.laser.printed_rectangles import RectangleFit
 from processing.laser.profile_scan import Scan, ScanStatus, scan_profiles
 from processing.laser.scan_check import MotionCheck, check_motion, merged_points, pass_disagreement
+from processing.laser.stripe import LaserColour
 from render.picture import save_image
 from service.files import check_folder, replaced
 from service.pictures import STILL, save_stripes
-from service.scan_file import open_scan
+from service.scan_file import BOARD, open_scan, open_stripes
 
 INTRINSICS = "intrinsics.xml"
 SCAN, CALIBRATION = "scan.toml", "Calib_Results.mat"
@@ -43,8 +44,8 @@ def measure_displacement(source: Path, out: Path, track: Track = lambda items: i
     if source.is_dir():
         source = _described(source)
     kind = source.suffix.lower()
-    if kind == ".mat":
-        yield from _stripes(laser_chessboard(source.parent), out)
+    if kind == ".mat" or source.name == BOARD:
+        yield from _stripes(source.parent, out)
     elif kind == ".gif":
         yield from _sweep(source, out)
     elif kind == ".toml":
@@ -57,19 +58,24 @@ def measure_displacement(source: Path, out: Path, track: Track = lambda items: i
 
 def _described(folder: Path) -> Path:
     """The file that says what a folder's pictures are. Raises ImageError where there is none."""
-    for name in (SCAN, CALIBRATION):
+    for name in (SCAN, BOARD, CALIBRATION):
         if (folder / name).exists():
             return folder / name
     raise ImageError(
-        f"{folder}: neither {CALIBRATION}, of photographs of the line on a chessboard, nor {SCAN}, of a turning or "
-        "sliding object, is in it; docs/range-of-your-own-images.md says what they hold."
+        f"{folder}: neither {BOARD} or {CALIBRATION}, of photographs of the line on a chessboard, nor {SCAN}, of a "
+        "turning or sliding object, is in it; docs/range-of-your-own-images.md says what they hold."
     )
 
 
-def _stripes(found: LaserChessboard, out: Path) -> Iterator[str]:
+def _stripes(folder: Path, out: Path) -> Iterator[str]:
+    if (folder / BOARD).exists():  # else the pictures' names are fixed
+        _check_apart(out, folder)
+    found = open_stripes(folder, LaserColour.RED)
+    if np.isfinite(found.calibration.corner_rms_px):
+        yield from _about_camera(found.calibration)
     distances_m, normal = found.plane.distance(found.points_m), found.plane.normal
     yield (
-        f"{len(found.stripes)} stripes, {len(found.points_m)} points; "
+        f"{len(found.stripes)} stripes on {len(found.calibration.photographs)} boards, {len(found.points_m)} points; "
         f"row residual {found.row_rms_px:.3f} px, plane residual {np.std(distances_m) * 1e3:.3f} mm"
     )
     yield (
@@ -84,6 +90,19 @@ def _stripes(found: LaserChessboard, out: Path) -> Iterator[str]:
         )
     shade = depth_picture(found.points_m[None, :, 2])[0]
     yield from _write(out, lambda path: save_stripes(path, found.stripes), found.points_m, shade)
+
+
+def _about_camera(found: BoardCalibration) -> Iterator[str]:
+    yield (
+        f"camera: matrix = {found.matrix.round(3).tolist()}, distortion = {found.distortion.round(6).tolist()}, "
+        f"size_px = {list(found.size_px)}; corners {found.corner_rms_px:.3f} px off (rms)"
+    )
+
+
+def _check_apart(out: Path, folder: Path) -> None:
+    """Raises ImageError where the result would lie among the pictures that it is made of."""
+    if out.parent.resolve() == folder.resolve():
+        raise ImageError(f"{out}: lies among the source's pictures, and would be one of them the next time.")
 
 
 def _sweep(source: Path, out: Path) -> Iterator[str]:
@@ -123,8 +142,8 @@ def _camera(fit: RectangleFit) -> str:
 
 def _scan(source: Path, out: Path, track: Track) -> Iterator[str]:
     opened = open_scan(source)
-    if isinstance(opened.frames, PictureFiles) and opened.frames.files[0].parent.resolve() == out.parent.resolve():
-        raise ImageError(f"{out}: lies among the scan's pictures, and would be one of them the next time.")
+    if isinstance(opened.frames, PictureFiles):
+        _check_apart(out, opened.frames.files[0].parent)
     scan = scan_profiles(opened.frames, opened.setup, opened.backgrounds, track)
     yield from _about_scan(scan)
     if not scan.count(ScanStatus.MEASURED):

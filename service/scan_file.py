@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from processing.errors import ImageError
 from processing.formats.sequence import Picture, read_picture, read_sequence
-from processing.laser.laser_chessboard import laser_chessboard
+from processing.laser.laser_chessboard import Chessboard, LaserChessboard, laser_chessboard
 from processing.laser.motion import Motion, Slide, Turn
 from processing.laser.plane_fit import Plane
 from processing.laser.profile_scan import ScanSetup
@@ -36,6 +36,7 @@ def _not_zero(value: float) -> float:
 Vector = tuple[float, float, float]
 Direction = Annotated[Vector, AfterValidator(_with_length)]
 NotZero = Annotated[float, AfterValidator(_not_zero)]
+BOARD = "board.toml"
 Size = tuple[int, int]  # width and height
 _CENTRAL = 0.2  # of a picture's size, from its middle to the camera's centre: lenses are mounted better than that
 
@@ -117,6 +118,15 @@ class ScanFile(_Model):
         return self
 
 
+class BoardFile(_Model):
+    """What board.toml says beside photographs of the laser's line on a chessboard."""
+
+    columns: int = Field(ge=3)
+    rows: int = Field(ge=3)
+    square_mm: float = Field(gt=0)
+    laser: Literal["red", "green", "blue"] | None = None
+
+
 @dataclass(frozen=True)
 class ScanSource:
     """The frames of a scan, what was taken without laser, and the setup."""
@@ -136,6 +146,18 @@ def open_scan(path: Path) -> ScanSource:
     setup, size_px = _setup(file, folder)
     _check_size(folder / file.images, frames[0].shape, setup.matrix, size_px)
     return ScanSource(frames, _backgrounds(file, folder), setup)
+
+
+def open_stripes(folder: Path, colour: LaserColour) -> LaserChessboard:
+    """The laser plane of a folder of photographs with board.toml, or of the MATLAB toolbox.
+
+    `colour` is the laser's, unless board.toml says it. Raises ConfigError, and what `laser_chessboard` does.
+    """
+    if not (folder / BOARD).exists():
+        return laser_chessboard(folder, colour)
+    file = read_toml(folder / BOARD, BoardFile)
+    board = Chessboard(file.columns, file.rows, file.square_mm * 1e-3)
+    return laser_chessboard(folder, LaserColour(file.laser or colour), board)
 
 
 def _check_size(images: Path, shape: tuple[int, ...], matrix: Array, stated_px: Size | None) -> None:
@@ -185,8 +207,9 @@ def _setup(file: ScanFile, folder: Path) -> tuple[ScanSetup, Size | None]:
 
 def _camera_and_plane(file: ScanFile, folder: Path) -> tuple[Array, Array, Plane, Size | None]:
     if file.camera is None or file.laser_plane is None:
-        found = laser_chessboard(folder / file.stripes, file.laser)
-        return found.matrix, found.distortion, found.plane, found.size_px
+        found = open_stripes(folder / file.stripes, file.laser)
+        camera = found.calibration
+        return camera.matrix, camera.distortion, found.plane, camera.size_px
     normal = np.array(file.laser_plane.normal)
     length = float(np.linalg.norm(normal))
     plane = Plane(normal / length, file.laser_plane.offset_mm * 1e-3 / length, np.nan, 0)

@@ -47,6 +47,11 @@ def read_sequence(source: Path) -> Sequence[Picture]:
         return list(read_animation(source))
     if not source.is_dir():
         raise ImageError(f"{source}: neither a folder of pictures nor an animation ({', '.join(ANIMATIONS)}).")
+    return PictureFiles(picture_files(source))
+
+
+def picture_files(source: Path) -> tuple[Path, ...]:
+    """The pictures of a folder in the order of their names, of one size. Raises ImageError as `read_sequence`."""
     # Hidden files are no pictures: copies from other systems leave some with a picture's ending.
     found = (path for path in source.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != ".")
     files = sorted(found, key=_natural)
@@ -59,7 +64,7 @@ def read_sequence(source: Path) -> Sequence[Picture]:
                 f"{path}: {_size(path)[0]} x {_size(path)[1]} pixels, but {first[0]} x {first[1]} in {files[0].name}; "
                 "a sequence has one size."
             )
-    return PictureFiles(tuple(files))
+    return tuple(files)
 
 
 def read_animation(path: Path) -> NDArray[np.uint8]:

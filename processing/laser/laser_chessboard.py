@@ -1,32 +1,65 @@
 """A laser plane calibrated from photographs of its stripe on a chessboard in several poses.
 
-Reads the folders that the Camera Calibration Toolbox for MATLAB leaves behind: images, Calib_Results.mat (camera and
-board poses, millimetres) and, to compare with, LaserPlane_Results.mat.
+Camera and poses are found in the photographs, or read from the folders that the Camera Calibration Toolbox for MATLAB
+leaves behind: images, Calib_Results.mat (millimetres) and, to compare with, LaserPlane_Results.mat.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from processing import geometry
-from processing.errors import ImageError
+from processing.cameras.board import find_chessboard
+from processing.cameras.calibration import survey
+from processing.cameras.network import Shot
+from processing.errors import CalibrationError, ImageError
+from processing.formats.sequence import picture_files, read_picture
 from processing.laser.plane_fit import Plane, fit_plane, plane_angle
 from processing.laser.ridge import stripe_ridge
-from processing.laser.stripe import LaserColour, laser_light, stripe_line
+from processing.laser.stripe import LaserColour, laser_light, room_light, stripe_line
 from processing.robust import biweight, bulk_deviation
 
 Array = NDArray[np.float64]
 _SIGMA_PX = 4.0
 _THRESHOLD = 4.0  # of the ridge's strength, 8-bit codes
 _LEAST_POINTS = 20
+_LEAST_BOARDS = 3  # that tell a camera
 _CURVATURE_PX = 8.0  # by which lens distortion may bend the stripe away from a line
+
+
+@dataclass(frozen=True)
+class Chessboard:
+    """A plain board: its inner corners along both sides, and the side of a square in metres."""
+
+    columns: int
+    rows: int
+    square_m: float
+
+
+@dataclass(frozen=True)
+class BoardPhotograph:
+    """A photograph's file, `camera_from_board` (4, 4), and the board's inner corners (n, 3) in its frame, metres."""
+
+    path: Path
+    camera_from_board: Array
+    corners_m: Array
+
+
+@dataclass(frozen=True)
+class BoardCalibration:
+    """Camera matrix, distortion, width and height of the pictures, rms of the corners (NaN if untold), photographs."""
+
+    matrix: Array
+    distortion: Array
+    size_px: tuple[int, int]
+    corner_rms_px: float
+    photographs: tuple[BoardPhotograph, ...]
 
 
 @dataclass(frozen=True)
@@ -45,7 +78,7 @@ class BoardStripe:
 
 @dataclass(frozen=True)
 class LaserChessboard:
-    """The laser's plane in the camera frame, and how well it is known; the camera's matrix, distortion, picture size.
+    """The laser's plane in the camera frame, how well it is known, and the camera and boards that it comes from.
 
     `row_rms_px` is the mean of the stripes' own.
     `angle_deviation_rad` and `distance_deviation_m` (at the points' centre) are one sigma by the jackknife over images:
@@ -60,9 +93,7 @@ class LaserChessboard:
     distance_deviation_m: float
     published_angle_rad: float
     published_distance_m: float
-    matrix: Array
-    distortion: Array
-    size_px: tuple[int, int]  # width and height
+    calibration: BoardCalibration
 
     @property
     def points_m(self) -> Array:
@@ -70,15 +101,19 @@ class LaserChessboard:
         return np.concatenate([stripe.points_m for stripe in self.stripes])
 
 
-def laser_chessboard(folder: Path, colour: LaserColour = LaserColour.RED) -> LaserChessboard:
+def laser_chessboard(
+    folder: Path, colour: LaserColour = LaserColour.RED, board: Chessboard | None = None
+) -> LaserChessboard:
     """The laser plane of a folder of stripe photographs; the laser is no grey one.
 
-    The stripe is found to a fraction of a pixel within the board of every image, its rays are cut with the board, and
-    all points make one plane. Raises ImageError where a file is missing, no image or no calibration, where the image's
-    size is not the calibrated one, and where fewer than two boards show a stripe.
+    Of a `board` that is given, camera and poses are found in the photographs, else in the toolbox' calibration. The
+    stripe is found to a fraction of a pixel within the board of every image, its rays are cut with the board, and all
+    points make one plane. Raises ImageError where a file is missing, no image or no calibration, where the image's size
+    is not the calibrated one, and where fewer than two boards show a stripe; CalibrationError where the photographs do
+    not determine the camera.
     """
-    calibration = _read_mat(folder / "Calib_Results.mat", ("KK", "kc", "nx", "ny", "active_images"))
-    found = [_board_stripe(folder, calibration, number, colour) for number in _active(calibration)]
+    calibration = _of_toolbox(folder) if board is None else _of_photographs(folder, board, colour)
+    found = [_board_stripe(photograph, calibration, colour) for photograph in calibration.photographs]
     stripes = tuple(stripe for stripe in found if stripe is not None)
     if len(stripes) < 2:
         raise ImageError(f"{folder}: a laser stripe on {len(stripes)} of {len(found)} boards; at least 2 are needed.")
@@ -86,44 +121,66 @@ def laser_chessboard(folder: Path, colour: LaserColour = LaserColour.RED) -> Las
     deviation = _jackknife(stripes, plane) if len(stripes) > 2 else (np.nan, np.nan)
     published = _published(folder, stripes, plane)
     row_rms_px = float(np.mean([stripe.row_rms_px for stripe in stripes]))
-    return LaserChessboard(
-        plane, stripes, row_rms_px, *deviation, *published, *_lens(calibration), _size(calibration)
-    )  # fmt: skip
+    return LaserChessboard(plane, stripes, row_rms_px, *deviation, *published, calibration)
 
 
-def _lens(calibration: dict[str, Any]) -> tuple[Array, Array]:
-    return calibration["KK"].astype(np.float64), calibration["kc"].ravel().astype(np.float64)
+def _of_toolbox(folder: Path) -> BoardCalibration:
+    """The calibration that the toolbox left in a folder."""
+    path = folder / "Calib_Results.mat"
+    content = _read_mat(path, ("KK", "kc", "nx", "ny", "active_images"))
+    photographs = []
+    for number in (index + 1 for index, used in enumerate(content["active_images"].ravel()) if used):
+        name = f"image{number:03d}.png"
+        missing = [key for key in (f"omc_{number}", f"Tc_{number}", f"X_{number}") if key not in content]
+        if missing:
+            raise ImageError(f"{path}: no {missing[0]}, the board's pose in {name}.")
+        pose = geometry.rigid_from_vectors(content[f"omc_{number}"].ravel(), content[f"Tc_{number}"].ravel() * 1e-3)
+        photographs.append(BoardPhotograph(folder / name, pose, content[f"X_{number}"].T * 1e-3))
+    matrix, distortion = content["KK"].astype(np.float64), content["kc"].ravel().astype(np.float64)
+    size_px = int(content["nx"].item()), int(content["ny"].item())
+    return BoardCalibration(matrix, distortion, size_px, np.nan, tuple(photographs))
 
 
-def _size(calibration: dict[str, Any]) -> tuple[int, int]:
-    return int(calibration["nx"].item()), int(calibration["ny"].item())
-
-
-def _active(calibration: dict[str, Any]) -> list[int]:
-    return [index + 1 for index, used in enumerate(calibration["active_images"].ravel()) if used]
-
-
-def _board_stripe(folder: Path, calibration: dict[str, Any], number: int, colour: LaserColour) -> BoardStripe | None:
-    name = f"image{number:03d}.png"
-    rgb = _read_image(folder / name, _size(calibration)[::-1])
-    missing = [key for key in (f"omc_{number}", f"Tc_{number}", f"X_{number}") if key not in calibration]
-    if missing:
-        raise ImageError(f"{folder / 'Calib_Results.mat'}: no {missing[0]}, the board's pose in {name}.")
-    camera_from_board = geometry.rigid_from_vectors(
-        calibration[f"omc_{number}"].ravel(), calibration[f"Tc_{number}"].ravel() * 1e-3
+def _of_photographs(folder: Path, board: Chessboard, colour: LaserColour) -> BoardCalibration:
+    """Camera and poses from the board's corners in all pictures of a folder that show the whole board."""
+    files = picture_files(folder)
+    views = {path: find_chessboard(room_light(read_picture(path), colour), *astuple(board)) for path in files}
+    whole = [path for path in files if len(views[path].uv_px)]
+    if len(whole) < _LEAST_BOARDS:
+        raise ImageError(
+            f"{folder}: a whole chessboard of {board.columns} x {board.rows} inner corners in {len(whole)} of "
+            f"{len(files)} pictures; at least {_LEAST_BOARDS} are needed."
+        )
+    height, width = read_picture(files[0]).shape[:2]
+    shots = {Shot(pose): views[path] for pose, path in enumerate(whole)}
+    try:
+        found = survey({"camera": shots}, {"camera": (height, width)})
+    except CalibrationError as error:
+        raise CalibrationError(f"{folder}: {error}") from error
+    camera = found.cameras["camera"]
+    camera_from_rig = geometry.invert(camera.rig_from_camera)
+    photographs = tuple(
+        BoardPhotograph(path, camera_from_rig @ found.boards[pose], views[path].points_m)
+        for pose, path in enumerate(whole)
+        if pose in found.boards
     )
-    corners_m = calibration[f"X_{number}"].T * 1e-3
-    matrix, distortion = _lens(calibration)
-    mask = _board_mask(corners_m, camera_from_board, matrix, distortion, rgb.shape[:2])
-    points, upright = _ridge_points(laser_light(rgb, colour), mask)
+    return BoardCalibration(camera.lens.matrix, camera.lens.distortion, (width, height), camera.rms_px, photographs)
+
+
+def _board_stripe(
+    photograph: BoardPhotograph, calibration: BoardCalibration, colour: LaserColour
+) -> BoardStripe | None:
+    light = laser_light(_read_image(photograph.path, calibration.size_px), colour)
+    points, upright = _ridge_points(light, _board_mask(photograph, calibration, light.shape))
     if len(points) < _LEAST_POINTS:
         return None
     points = points[stripe_line(points, _CURVATURE_PX).inliers]
     residual, good = bend_residual(points)
     uv_px = points[good] if upright else points[good][:, ::-1]
-    board = Plane.of_board(camera_from_board)
-    in_camera = board.cut(geometry.pixel_rays(uv_px, matrix, distortion, np.eye(4)))
-    return BoardStripe(name, uv_px, in_camera, board, float(np.sqrt(np.mean(residual[good] ** 2))))
+    board = Plane.of_board(photograph.camera_from_board)
+    in_camera = board.cut(geometry.pixel_rays(uv_px, calibration.matrix, calibration.distortion, np.eye(4)))
+    rms_px = float(np.sqrt(np.mean(residual[good] ** 2)))
+    return BoardStripe(photograph.path.name, uv_px, in_camera, board, rms_px)
 
 
 def _ridge_points(light: Array, mask: NDArray[np.bool_]) -> tuple[Array, bool]:
@@ -134,16 +191,16 @@ def _ridge_points(light: Array, mask: NDArray[np.bool_]) -> tuple[Array, bool]:
 
 
 def _board_mask(
-    corners_m: Array, camera_from_board: Array, matrix: Array, distortion: Array, shape: tuple[int, int]
+    photograph: BoardPhotograph, calibration: BoardCalibration, shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
     """Pixels of the board's inner corners and half a square around them."""
+    corners_m, board_from_camera = photograph.corners_m, geometry.invert(photograph.camera_from_board)
     low, high = corners_m.min(axis=0), corners_m.max(axis=0)
     side = float(np.min(np.linalg.norm(np.diff(corners_m[:2], axis=0), axis=1))) / 2
     left, top, right, bottom = low[0] - side, low[1] - side, high[0] + side, high[1] + side
     outline = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
-    uv_px = geometry.project(
-        np.column_stack([outline, np.zeros(4)]), matrix, distortion, geometry.invert(camera_from_board)
-    )
+    flat = np.column_stack([outline, np.zeros(4)])
+    uv_px = geometry.project(flat, calibration.matrix, calibration.distortion, board_from_camera)
     mask = np.zeros(shape, np.uint8)
     cv2.fillPoly(mask, [np.rint(uv_px).astype(np.int32)], 1)
     return mask.astype(bool)
@@ -186,15 +243,13 @@ def _published(folder: Path, stripes: tuple[BoardStripe, ...], plane: Plane) -> 
     return plane_angle(plane, other), float(np.mean(other.distance(points)))
 
 
-def _read_image(path: Path, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    try:
-        with Image.open(path) as picture:
-            rgb = np.asarray(picture.convert("RGB"))
-    except (OSError, SyntaxError, ValueError) as error:
-        raise ImageError(f"{path}: not a readable image: {error}") from error
-    if rgb.shape[:2] != shape:
-        raise ImageError(f"{path}: {rgb.shape[0]} x {rgb.shape[1]} pixels, but {shape[0]} x {shape[1]} are calibrated.")
-    return rgb
+def _read_image(path: Path, size_px: tuple[int, int]) -> Array:
+    """A photograph in 8-bit codes."""
+    picture = read_picture(path)
+    height, width = picture.shape[:2]
+    if (width, height) != size_px:
+        raise ImageError(f"{path}: {width} x {height} pixels, but {size_px[0]} x {size_px[1]} are calibrated.")
+    return picture.astype(np.float64) / (1 if picture.dtype == np.uint8 else 257)
 
 
 def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, Any]:

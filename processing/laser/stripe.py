@@ -57,6 +57,15 @@ def laser_light(image: NDArray[Any], colour: LaserColour) -> Array:
     return np.asarray(image[..., own].astype(np.float64) - image[..., other])
 
 
+def room_light(image: NDArray[Any], colour: LaserColour) -> NDArray[Any]:
+    """The channel (h, w) of a colour image (h, w, 3) that `laser_light` takes off: there a coloured laser is dim.
+
+    Raises ImageError where the image is grey.
+    """
+    laser_light(image[:1], colour)
+    return np.asarray(image[..., _CHANNELS[colour][1]])
+
+
 def redness(rgb: NDArray[Any]) -> Array:
     """How much redder than grey a pixel is: R - G, an image (h, w) in the units of `rgb` (h, w, 3)."""
     return laser_light(rgb, LaserColour.RED)

@@ -12,6 +12,7 @@ from processing.errors import ImageError
 from rig.errors import ConfigError
 from service.ranging import measure_displacement
 from service.scan_file import open_scan
+from tests.reference.board_photographs import COLUMNS, ROWS, SQUARE_M, write_photographs
 from tests.reference.profile_rig import MATRIX, TURN, Ball, laser_plane, setup, take_all
 
 TABLES = f"""
@@ -127,6 +128,27 @@ def test_pictures_that_do_not_fit_are_refused(ball, tmp_path, changes, said):
     assert not list(tmp_path.iterdir())
 
 
+def test_photographs_of_a_board_stand_for_camera_and_plane(ball, tmp_path):
+    """The printed lines say both; a scan may name the folder instead, and refuses pictures of another size."""
+    boards = tmp_path / "boards"
+    boards.mkdir()
+    write_photographs(boards)
+    (boards / "board.toml").write_text(f"columns = {COLUMNS}\nrows = {ROWS}\nsquare_mm = {SQUARE_M * 1e3}\n")
+    with pytest.raises(ImageError, match="among the source's pictures"):
+        list(measure_displacement(boards, boards / "depth.png"))
+    lines = list(measure_displacement(boards, tmp_path / "line.ply"))
+    assert "size_px = [400, 300]" in lines[0]
+    assert lines[1].startswith("6 stripes on 6 boards")
+    assert lines[2].startswith("laser plane: normal")
+    assert {path.name for path in tmp_path.iterdir()} == {"boards", "line.ply", "line.png"}
+    (ball / "boards.toml").write_text(f'{HEAD}stripes = "{boards}"{TURNTABLE}')
+    with pytest.raises(ImageError, match="216 x 176 pixels, but the camera was calibrated at 400 x 300"):
+        list(measure_displacement(ball / "boards.toml", tmp_path / "out.ply"))
+    (boards / "board.toml").write_text('columns = 8\nrows = 5\nsquare_mm = 20\nlaser = "grey"')
+    with pytest.raises(ConfigError, match=r"\[laser\].*'red', 'green' or 'blue'"):
+        list(measure_displacement(boards, tmp_path / "line.ply"))
+
+
 def test_a_stated_size_allows_any_centre(ball):
     """Pictures may be a part of the sensor, as long as somebody says so."""
     text = (ball / "scan.toml").read_text().replace("107.5", "20.5")
@@ -136,7 +158,7 @@ def test_a_stated_size_allows_any_centre(ball):
 
 def test_results_are_not_laid_among_the_pictures(ball):
     before = sorted((ball / "frames").iterdir())
-    with pytest.raises(ImageError, match="among the scan's pictures"):
+    with pytest.raises(ImageError, match="among the source's pictures"):
         list(measure_displacement(ball, ball / "frames" / "depth.png"))
     assert sorted((ball / "frames").iterdir()) == before
 
@@ -165,7 +187,7 @@ def test_a_wrong_colour_is_told(ball, tmp_path):
 def test_a_folder_is_what_lies_in_it(ball, tmp_path):
     lines = list(measure_displacement(ball, tmp_path / "ball.png"))
     assert lines[0].startswith("12 frames")
-    with pytest.raises(ImageError, match=r"neither Calib_Results\.mat, .* nor scan\.toml"):
+    with pytest.raises(ImageError, match=r"neither board\.toml or Calib_Results\.mat, .* nor scan\.toml"):
         list(measure_displacement(tmp_path, tmp_path / "a.png"))
 
 

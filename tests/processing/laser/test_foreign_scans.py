@@ -81,7 +81,7 @@ def test_damaged_folder_is_named(tmp_path, damage):
 def test_a_camera_on_its_side_and_a_green_laser_see_the_same_plane(tmp_path):
     """The photographs turned by a quarter, red and green exchanged, and the calibration that goes with them."""
     found = laser_chessboard(CHESSBOARD)
-    width = found.size_px[0]
+    width = found.calibration.size_px[0]
     for path in CHESSBOARD.glob("image*.png"):
         with Image.open(path) as picture:
             rgb = np.asarray(picture.convert("RGB"))
@@ -98,7 +98,7 @@ def test_a_camera_on_its_side_and_a_green_laser_see_the_same_plane(tmp_path):
             new |= {key: turned, f"Tc_{key[4:]}": side @ old[f"Tc_{key[4:]}"], f"X_{key[4:]}": old[f"X_{key[4:]}"]}
     savemat(tmp_path / "Calib_Results.mat", new)
     turned = laser_chessboard(tmp_path, LaserColour.GREEN)
-    assert turned.size_px == found.size_px[::-1]
+    assert turned.calibration.size_px == found.calibration.size_px[::-1]
     assert len(turned.points_m) == pytest.approx(len(found.points_m), rel=0.01)
     np.testing.assert_allclose(turned.plane.normal, side @ found.plane.normal, atol=1e-5)
     assert turned.plane.offset_m == pytest.approx(found.plane.offset_m, abs=1e-6)

@@ -96,7 +96,8 @@ def _peer_row(name, find, found, windows, smooth_px) -> dict[str, object]:
         uv_px = uv_px[np.isfinite(uv_px).all(axis=1)]
         residual, good = bend_residual(uv_px)
         residuals.append(residual[good])
-        points.append(stripe.board.cut(geometry.pixel_rays(uv_px[good], found.matrix, found.distortion, np.eye(4))))
+        rays = geometry.pixel_rays(uv_px[good], found.calibration.matrix, found.calibration.distortion, np.eye(4))
+        points.append(stripe.board.cut(rays))
     seconds = fastest(lambda: places(windows[0][0]), 2)
     row = _row(name, residuals, fit_plane(np.concatenate(points)).rms_m)
     return row | {"peer": True, "seconds": seconds, "settings": f"row smoothed by {smooth_px:g} px", "size": "window"}

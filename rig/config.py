@@ -41,6 +41,12 @@ class SampleHolder(_Model):
     sample_depth_mm: float = Field(gt=0)  # the sample lies between z = -sample_depth_mm and 0
     white_reflectance: float = Field(gt=0, le=1)  # albedo of the frame, the same in all channels
 
+    @model_validator(mode="after")
+    def _widens(self) -> Self:
+        if not 2 * self.margin_mm < self.sample_mm < self.inner_mm < self.outer_mm:
+            raise ValueError("twice margin_mm, sample_mm, inner_mm and outer_mm must each be less than the next")
+        return self
+
     @property
     def texels_mm(self) -> float:
         """Side of the square that the texels divide."""

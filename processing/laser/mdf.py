@@ -56,10 +56,10 @@ class Sweep:
 
 @dataclass(frozen=True)
 class SweepResult:
-    """What one sweep gave: peak times, laser planes, displacements."""
+    """What one sweep gave: peak times (None once let go), laser planes, displacements."""
 
     sweep: Sweep
-    peaks: PeakTimes
+    peaks: PeakTimes | None
     laser: LaserSweep
     image: RangeImage
 
@@ -99,7 +99,7 @@ def mdf_from_sweeps(
     for view, mine in groupby(sweeps, key=lambda sweep: sweep.view):
         if view in merged:
             raise ImageError(f"{view}: its sweeps must follow one another, but those of another view lie between.")
-        results = [_without_frames(measure_sweep(sweep, holder, settings)) for sweep in mine]
+        results = [_to_merge(measure_sweep(sweep, holder, settings)) for sweep in mine]
         merged[view] = merge_view(view, results, weighting)
         sheets.append(view_texels(merged[view].merged, results[0].sweep, holder, texels))
         directions.append(_view_direction(results[0].sweep))
@@ -109,8 +109,9 @@ def mdf_from_sweeps(
     return Mdf(displacement, variance, np.stack(directions), holder.texels_m), tuple(merged.values())
 
 
-def _without_frames(result: SweepResult) -> SweepResult:
-    return replace(result, sweep=replace(result.sweep, frames=()))
+def _to_merge(result: SweepResult) -> SweepResult:
+    """Without frames and peak times, so that a view's sweeps need 9 bytes per pixel each."""
+    return replace(result, sweep=replace(result.sweep, frames=()), peaks=None)
 
 
 def measure_sweep(sweep: Sweep, holder: Holder, settings: PulseSettings | None = None) -> SweepResult:

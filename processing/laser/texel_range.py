@@ -14,7 +14,7 @@ _REACH_PX = 2.6  # of the pixels that speak for a texel
 _PIXELS = int(np.pi * _REACH_PX**2)
 _NEAR_PX = 1.5  # within which one must be measured: between four measured ones the nearest is 0.71 away
 _INSIDE = 0.3  # pixels, about, from the edge of what was measured: two standard deviations of where it runs
-_CHUNK = 4096
+_CHUNK = 4096  # texels whose samples are held at a time, and which share one prior
 
 
 def texel_displacement(

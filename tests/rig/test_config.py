@@ -62,6 +62,8 @@ BAD = {
     "standing laser": ("ticks_per_s = 39.2", "ticks_per_s = 0.0", r"\[laser.ticks_per_s\]"),
     "sweep of nothing": ("sweep_ticks = 480", "sweep_ticks = 0", r"\[laser.sweep_ticks\]"),
     "channel out of the universe": ("channel = 9", "channel = 513", r"\[lamps.lamp.led.channel\]"),
+    "frame inside its opening": ("inner_mm = 76.0", "inner_mm = 59.0", r"\[holder\].*each be less than the next"),
+    "margin without texels": ("step_mm = 8.0", "step_mm = 8.0\nmargin_mm = 30.0", r"\[holder\].*margin_mm"),
     "unknown field": ('name = "rig"', 'name = "rig"\ncolour = "red"', r"\[colour\]"),
     "missing field": ("module = 3\n", "", r"\[axes.turntable.module\]"),
     "not TOML": ("[holder]", "[holder", "not TOML"),

@@ -8,7 +8,7 @@ import pytest
 from processing.radiometry.sensor import Sensor
 from simulators.optics import Optics
 from tests.benchmarks.lasers import displacements
-from tests.benchmarks.yardsticks.laser_scans import Location, Recording, Scanner, around
+from tests.benchmarks.yardsticks.laser_scans import Location, Recording, Scanner, around, planned
 
 PLACE = Location(60.0, 50.0)
 
@@ -19,8 +19,7 @@ def scanner(tmp_path_factory):
 
 
 def test_locations_are_even_and_leave_the_cameras_their_view():
-    for count in (2, 8, 26):
-        places = around(count)
+    for places, count in [(around(2), 2), (around(8), 8), (planned(), 26)]:
         assert len(set(places)) == count
         assert all(15 < place.azimuth_deg % 360 < 345 for place in places)
 
@@ -37,7 +36,7 @@ def test_unlit_pixels_have_the_sensors_noise_and_lit_ones_the_stripe(scanner):
 
 
 def test_one_view_is_measured_and_compared(scanner):
-    view = displacements._scan(scanner, 3)
+    view = displacements._scan(scanner, around(3))
     result = displacements._product([view], "brick")
     figures, (whole, of_view, bilinear, limit) = result.figures, result.rows
     assert json.loads(json.dumps([dict(row) for row in result.rows])) == [dict(row) for row in result.rows]
@@ -52,7 +51,7 @@ def test_one_view_is_measured_and_compared(scanner):
 
 
 def test_a_point_is_false_where_no_laser_reaches_or_far_off(scanner):
-    view = displacements._scan(scanner, 2)
+    view = displacements._scan(scanner, around(2))
     truth = scanner.truth(view.locations, displacements.TEXELS)
     exact = displacements._as_mdf(
         [(truth.displacement_m.astype(np.float32), np.ones_like(truth.displacement_m))], [view]

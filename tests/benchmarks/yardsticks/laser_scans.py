@@ -1,5 +1,6 @@
 """Laser sweeps of a simulated rig, rendered where light falls, with what the sample truly is."""
 
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import radians
@@ -13,6 +14,7 @@ from processing.laser.holder import Holder, plane_hits
 from processing.laser.laser_plane import LaserMount
 from processing.laser.mdf import Sweep
 from processing.radiometry.sensor import Sensor
+from service.bench import CHECKOUT
 from simulators.clock import NS_PER_S
 from simulators.layout import LaserLayout
 from simulators.motor import LaserMotor
@@ -35,8 +37,15 @@ class Location:
 class Recording:
     """How sweeps are recorded."""
 
-    exposure_s: float = 0.03
+    exposure_s: float = 1 / 15  # as long as the rig makes it, where a test sweep finds the stripe dim
     frame_rate_hz: float = 7.5
+
+
+def planned() -> list[Location]:
+    """The 26 locations of the plan that is an example for users."""
+    plan = tomllib.loads((CHECKOUT / "docs" / "plans" / "mdf-26.toml").read_text())
+    each = zip(plan["laser_elevations_deg"], plan["laser_azimuth_deg"], strict=True)
+    return [Location(float(azimuth), float(elevation)) for elevation, azimuths in each for azimuth in azimuths]
 
 
 def around(count: int, elevations_deg: Sequence[float] = (35.0, 50.0)) -> list[Location]:

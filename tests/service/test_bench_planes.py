@@ -5,9 +5,12 @@ import pytest
 
 from processing.laser.fan import fan_angle
 from processing.laser.holder import plane_hits
+from processing.laser.laser_plane import sweep_planes
 from processing.laser.mdf import measure_sweep
-from tests.benchmarks.lasers.planes import Merging, angle_errors_deg, place_errors, plane_rows, true_planes
+from processing.laser.range_image import RangeStatus, range_image
+from tests.benchmarks.lasers.planes import Merging, angle_errors_deg, noisy_peaks, place_errors, plane_rows, true_planes
 from tests.benchmarks.yardsticks.located_sweeps import brick, location, smooth_cap
+from tests.reference.stripe_rig import HOLDER, Rig, camera_at, flat
 
 
 @pytest.fixture(scope="module", params=[smooth_cap, brick], ids=["cap", "brick"])
@@ -59,3 +62,14 @@ def test_one_model_beats_planes_of_single_frames():
     assert ours["over_its_bound"] < 1.1
     assert min(two_heights["over_its_bound"], parallel["over_its_bound"]) > 2 * ours["over_its_bound"]
     assert two_heights["measured"] > 0.9
+
+
+def test_what_is_timed_is_measured():
+    """The speed's peak times are those of a sample in its holder: the rays' cuts are on it, none is given up early."""
+    rig = Rig(camera_at(60), flat(0.002))
+    peaks, view = noisy_peaks(rig, np.random.default_rng(7)), (rig.camera, rig.rig_from_sample, HOLDER)
+    image = range_image(peaks, *view, sweep_planes(peaks, *view, rig.mount))
+    looking = image.status != RangeStatus.NOT_SAMPLE
+    assert np.mean(image.status[looking] == RangeStatus.MEASURED) > 0.95
+    depth_m = -rig.camera.pixel_rays()[..., 2] * image.displacement_m
+    assert np.nanmedian(np.abs(depth_m - 0.002)) < 2e-5  # a hundredth of a frame, in which the trace moves 1.1 mm

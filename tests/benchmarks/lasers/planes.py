@@ -12,7 +12,7 @@ import numpy as np
 
 from processing.cameras.calibration import CameraModel
 from processing.laser.displacement import merge_displacements, tetrahedron_weights
-from processing.laser.holder import plane_hits
+from processing.laser.holder import plane_hits, reference_region
 from processing.laser.laser_plane import sweep_planes
 from processing.laser.mdf import SweepResult, measure_sweep
 from processing.laser.range_image import RangeStatus, range_image
@@ -192,7 +192,7 @@ def speed_rows() -> list[dict[str, object]]:
     size, camera = f"{FULL[1]}x{FULL[0]}", replace(camera_at(60, 6.4), size=FULL)
     rig = Rig(camera, flat(0.002))
     rng = np.random.default_rng(7)
-    peaks, view = _peaks(rig, rng), (rig.camera, rig.rig_from_sample, HOLDER)
+    peaks, view = noisy_peaks(rig, rng), (rig.camera, rig.rig_from_sample, HOLDER)
     laser = sweep_planes(peaks, *view, rig.mount)
     values = (0.002 + 1e-5 * rng.standard_normal((26, *FULL), np.float32)).astype(np.float32)
     values[rng.random(values.shape, np.float32) < 0.3] = np.nan
@@ -207,9 +207,10 @@ def speed_rows() -> list[dict[str, object]]:
     ]
 
 
-def _peaks(rig: Rig, rng: np.random.Generator) -> PeakTimes:
-    """Noisy times at which the plane crosses a flat sample and its holder."""
-    height = np.full(rig.camera.size, -0.002)
+def noisy_peaks(rig: Rig, rng: np.random.Generator) -> PeakTimes:
+    """Noisy times at which the plane crosses a sample that is flat, 2 mm deep, and its holder."""
+    part = reference_region(rig.camera, rig.rig_from_sample, HOLDER, rig.source).height
+    height = np.array([-0.002, 0.0, -HOLDER.step_m])[part]
     rays, centre = rig.camera.pixel_rays(), rig.camera.centre_m
     angle = rig.polar(centre + rays * ((height - centre[2]) / rays[..., 2])[..., None])[0]
     moments = np.arange(rig.frames)

@@ -31,7 +31,9 @@ def ambient_change(sample_dn: NDArray[np.uint16], black_dn: float, width_frames:
     steady = np.zeros(0, np.float32)
     light = sample_dn.astype(np.float64) - black_dn
     reach = max(WINDOW / 2, _REACH * width_frames)
-    away = np.abs(np.arange(len(light))[:, None] - np.argmax(light, axis=0)) > reach
+    frame = np.arange(len(light))[:, None]
+    ends = np.argmax(light, axis=0), len(light) - 1 - np.argmax(light[::-1], axis=0)  # a clipped pulse has many maxima
+    away = (np.abs(frame - ends[0]) > reach) & (np.abs(frame - ends[1]) > reach)
     light *= away
     if not np.all(away.any(axis=1)) or light.sum() <= 0.0:
         return steady

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from processing.laser.block_maxima import AROUND, BLOCK
 from processing.laser.pulse import DISTORTED, OK, SATURATED, Camera, Sweep
 from processing.laser.pulse_lanes import TIME, VARIANCE
 
@@ -21,9 +22,10 @@ class Estimator(IntEnum):
     """How the time is read from a pulse; what counts as a pulse is the same for all."""
 
     GAUSSIAN = 0  # maximum likelihood, at the Cramer-Rao bound
-    CENTROID = 1  # centre of mass above the background, three widths on either side: 1 to 1.7 times the bound
-    PARABOLA = 2  # through the brightest sample and its neighbours: 1.3 to 12 times the bound, and its variance is too
-    # small where noise decides which sample is the brightest
+    CENTROID = 1  # centre of mass above the background, three widths on either side: 1 to 1.7 times the bound; for
+    # pulses up to four frames wide
+    PARABOLA = 2  # through the brightest sample and its neighbours: 1.3 to 12 times the bound; its sigma is up to 2.8
+    # times too small where noise decides which sample is the brightest: in dim pulses (300 e-) and wide ones (3 frames)
 
 
 @njit(parallel=True, cache=True)
@@ -37,13 +39,15 @@ def retime(
 ) -> None:
     """Replace TIME and VARIANCE of the pixels that are OK by those of the centroid, or else of the parabola.
 
-    Pixels in which a sample that is needed is saturated become SATURATED, those without a peak there DISTORTED.
+    Pixels in which a sample that is needed is saturated become SATURATED, those without a peak there DISTORTED,
+    as are all for the centroid of pulses wider than four frames: of a stream no samples beyond twelve frames are kept.
     """
     reach = math.ceil(_REACH * width) if centroid else 1
+    kept = reach <= AROUND * BLOCK
     systematic = 0.0 if centroid else parabola_error(width) ** 2
     for pixel in prange(status.size):
         if status[pixel] == OK:
-            time, variance = _estimate(pixel, sweep, camera, reach, centroid)
+            time, variance = _estimate(pixel, sweep, camera, reach, centroid) if kept else (np.nan, np.inf)
             sound = variance > 0.0 and variance < np.inf
             results[TIME, pixel] = time if sound else np.nan
             results[VARIANCE, pixel] = variance + systematic if sound else np.nan

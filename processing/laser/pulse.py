@@ -21,6 +21,7 @@ LEAST_TOLERANCE = 1e-6  # of the width's logarithm: a fixed width
 
 _ITERATIONS = 25
 _TOLERANCE = 1e-3  # of the time's own sigma; the same share of amplitude and width, times ten
+_LEAST_PIVOT = 1e-10  # of a diagonal element; what is left of less is rounding (1e-16), and the samples do not tell it
 _GROWTH = 2.0  # a pulse wider than this many common widths (or e^3 tolerance), or as much narrower, is none
 SCATTER = 5.0  # sigmas of chi square beyond which the samples beside a pulse scatter more than their noise
 ASIDE = 2.8  # widths from the peak where these begin
@@ -211,9 +212,9 @@ def _start(
 @njit(nogil=True, cache=True)
 def _span(moments: _Vector, centre: float, half: float) -> tuple[int, int]:
     first, last = 0, moments.size
-    while first < last - 4 and moments[first] < centre - half:
+    while first < last - 4 and centre - moments[first] > half:
         first += 1
-    while last > first + 4 and moments[last - 1] > centre + half:
+    while last > first + 4 and moments[last - 1] - centre > half:
         last -= 1
     return first, last
 
@@ -283,7 +284,7 @@ def _solve(matrix: _Vector, vector: _Vector) -> bool:
                 total -= matrix[i, k] * matrix[j, k]
             if i > j:
                 matrix[i, j] = total / matrix[j, j]
-            elif total > 1e-14 * abs(matrix[i, i]):
+            elif total > _LEAST_PIVOT * matrix[i, i]:
                 matrix[i, i] = math.sqrt(total)
             else:
                 return False

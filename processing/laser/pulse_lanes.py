@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from processing.laser.block_maxima import AROUND, BLOCK
 from processing.laser.lane_samples import (
     BACK,
     FAR,
@@ -38,7 +39,6 @@ from processing.laser.pulse import (
     Sweep,
     half_span,
     log_growth,
-    window_edge,
 )
 
 TIME, VARIANCE, AMPLITUDE, WIDTH = range(4)  # rows of results
@@ -57,6 +57,8 @@ _SIXTEEN, _SPREAD = np.float32(16.0), np.float32(0.02)
 _RATE_OF_WIDTH, _WIDTH_SLOPE = np.float32(32.0**-0.5), np.float32(32.0)  # v = (t - t0) rate; u^2 = 32 v^2
 _ASIDE_FROM, _FLANK = np.float32(ASIDE), np.float32(ASIDE**2 / 32.0)
 _BEYOND = np.float32(2.0 * SCATTER**2)
+_NARROW = np.float32(0.65)  # frames; in narrower pulses time and shape are told by the same samples
+_WINDOW = np.float32(AROUND * BLOCK)  # frames from the peak to the end of its window
 _MISFIT = np.float32(20.0)  # reduced chi square from which it takes care to say what the pulse is
 _PEAK = np.float32(16.0)  # chi square below which no sample can stand out by five sigmas, with a margin
 # exp(-x) on [0, 0.9] to 4e-7, by least squares of the relative error at Chebyshev's nodes
@@ -284,17 +286,19 @@ def _decide(limits: Limits, shape: tuple[float, float, float, float, float], wor
     saturation, floor, freedom = np.float32(shape[0]), np.float32(shape[3] / (shape[4] + 4.0)), np.float32(shape[4])
     significance, fraction = np.float32(limits[0]), np.float32(_CLEAR * limits[1])
     drift, growth = np.float32(_CLEAR * (1.0 + 1.5 * shape[1])), np.float32(_CLEAR * shape[2])
-    clear, edge = np.float32(_CLEAR), np.float32(window_edge(shape[1]))
+    clear = np.float32(_CLEAR)
     ok, dark, unclear = np.float32(OK), np.float32(TOO_DARK), np.float32(UNCLEAR)
     for lane in range(LANES):
         height, noise, chi = work[_A + lane], work[_A_VAR + lane], work[_CHI + lane]
         noise = significance * math.sqrt(noise if noise > floor else floor)
         sound = (work[TOP + lane] < saturation) & (work[_ACTIVE + lane] == ZERO) & (work[WHOLE + lane] > ZERO)
         limit = fraction * height
+        edge = _WINDOW * work[_RATE + lane]
+        edge = _bell(edge * edge)
         single = (work[_WORST + lane] < limit * limit) | (chi < _PEAK)
         single &= work[FAR + lane] - work[BACK + lane] < limit + edge * height
         near = abs(work[_T + lane] - work[_START + lane]) < drift
-        alike = abs(work[_D + lane]) < growth
+        alike = (abs(work[_D + lane]) < growth) & (work[_W + lane] > _NARROW)
         good = single & near & alike & (height * clear > noise) & (chi < _MISFIT * freedom)
         state = ok if good else unclear
         state = dark if height < clear * noise else state

@@ -105,9 +105,10 @@ def fit_peaks(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> Pe
 
 
 def typical_width(profiles: Profiles, sensor: Sensor, settings: PulseSettings) -> float:
-    """Standard deviation in frames of the sweep's pulses: the median over bright, unsaturated, single ones.
+    """Standard deviation in frames of the sweep's pulses: the median over bright, single ones.
 
-    The stripe's width over its speed is common to all pixels. 1.5 where no pulse can be told.
+    The stripe's width over its speed is common to all pixels. Where all pulses are saturated their flanks tell it.
+    1.5 where no pulse can be told.
     """
     pilots = _pilots(profiles, sensor)
     if pilots is None:
@@ -134,7 +135,7 @@ def _area_width(pilots: Profiles, sensor: Sensor) -> float:
 
 
 def _pilots(profiles: Profiles, sensor: Sensor) -> Profiles | None:
-    """Up to _PILOTS of the bright unsaturated pixels, spread over the image; None where there is none."""
+    """Up to _PILOTS of the bright pixels, spread over the image, saturated ones if all are; None where none is."""
     for stride in (_SPARSE, 1):
         pixels = np.arange(0, profiles.brightest.size, stride)
         chosen = pixels[profiles.brightest[pixels] >= 0]
@@ -142,12 +143,11 @@ def _pilots(profiles: Profiles, sensor: Sensor) -> Profiles | None:
         peak_e = profiles.frames_dn[frame - profiles.origin[chosen], chosen].astype(np.float64) - sensor.black_dn
         height_e = peak_e - (profiles.total_dn[chosen] / profiles.times.size - sensor.black_dn)
         peak_e, height_e = peak_e * sensor.gain_e_per_dn, height_e * sensor.gain_e_per_dn
-        clean = (peak_e < sensor.saturation_e) & (
-            height_e > _BRIGHT * np.sqrt(np.maximum(peak_e, 0.0) + sensor.dark_variance_e2)
-        )
+        bright = height_e > _BRIGHT * np.sqrt(np.maximum(peak_e, 0.0) + sensor.dark_variance_e2)
+        clean = bright & (peak_e < sensor.saturation_e)
         if np.count_nonzero(clean) >= _PILOTS // 4:
             break
-    chosen = chosen[clean]
+    chosen = chosen[clean if clean.any() else bright]
     chosen = chosen[:: -(-chosen.size // _PILOTS) or 1]
     return profiles.subset(chosen) if chosen.size else None
 

@@ -65,17 +65,19 @@ def score(t, y, theta, prior, expected, sensor):
 
 
 def solve(matrix, right):
-    """Solution, or None where the matrix is not positive."""
+    """Solution, or None where the matrix is not positive, or only by rounding."""
     try:
         lower = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
+        return None
+    if np.any(np.diag(lower) ** 2 <= 1e-10 * np.diag(matrix)):
         return None
     return np.linalg.solve(lower.T, np.linalg.solve(lower, right))
 
 
 def judge(t, y, theta, covariance, facts, sensor):
     converged, at_end, times, width, tolerance, second = facts
-    w = np.exp(theta[3])
+    w = np.exp(theta[3]) if converged else width  # not exp(log(width)): in whole frames both are at a limit
     mean, _ = pulse(t, theta)
     light = mean - theta[2]
     clipped = y >= sensor.saturation_e

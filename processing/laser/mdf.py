@@ -24,7 +24,7 @@ from processing.radiometry.sensor import Sensor
 Array = NDArray[np.float64]
 DIM = 0.03  # of the white frame's pulse: darker ones are interreflections, not the stripe
 FALSE = 1 / 8  # of the box's depth: a displacement that is off by more is false
-DOUBT = FALSE / 1.645  # of it: with a larger standard deviation more than one texel in ten would be false, so is a hole
+DOUBT = FALSE / 1.44  # of it: with a larger standard deviation more than one texel in seven would be false: a hole
 ROUGHNESS_PX = 0.15  # locations light a pixel unevenly: anywhere in its middle half, on a slope of 45 degrees
 _MERGED = ("displacement_m", "variance_m2", "used", "rejected")  # the images of Merged
 

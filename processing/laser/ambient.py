@@ -1,4 +1,8 @@
-"""Ambient light that moves during a sweep: a lamp that is turned up, daylight, mains flicker at its alias."""
+"""Ambient light that moves during a sweep: a lamp that is turned up, daylight, flicker of six frames and more.
+
+Faster flicker is as unlike from frame to frame as noise (successive differences of a sine of period six have its
+variance): it is left in the samples.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -296,7 +296,8 @@ def _decide(limits: Limits, shape: tuple[float, float, float, float, float], wor
         edge = _WINDOW * work[_RATE + lane]
         edge = _bell(edge * edge)
         single = (work[_WORST + lane] < limit * limit) | (chi < _PEAK)
-        single &= work[FAR + lane] - work[BACK + lane] < limit + edge * height
+        back, fitted = work[BACK + lane], work[_B + lane]
+        single &= work[FAR + lane] - (back if back < fitted else fitted) < limit + edge * height
         near = abs(work[_T + lane] - work[_START + lane]) < drift
         alike = (abs(work[_D + lane]) < growth) & (work[_W + lane] > _NARROW)
         good = single & near & alike & (height * clear > noise) & (chi < _MISFIT * freedom)

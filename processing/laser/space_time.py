@@ -47,7 +47,8 @@ class PeakTimes:
     """Times of the stripe's passage (h, w), float32; NaN where `status` (uint8, PeakStatus) is not OK.
 
     `time_frames` and `width_frames` (standard deviation of the pulse) are in frame intervals from frame 0, `variance`
-    is that of the time in frames squared, from the Fisher information. `amplitude_e`, the pulse's height above the
+    is that of the time in frames squared, from the Fisher information: float32 resolves a thousandth of a frame up to
+    frame 16000. `amplitude_e`, the pulse's height above the
     background in electrons, is given wherever a pulse could be fitted.
     """
 
@@ -64,7 +65,9 @@ class PulseSettings:
 
     `width_frames` (standard deviation) is found from the brightest pulses where it is None; each pixel's own width may
     differ from it by about `width_tolerance` (one sigma of its logarithm; 0 fixes it).
-    `double_fraction` is the height of another peak, relative to the pulse, that spoils the measurement.
+    `double_fraction` is the height of another peak, relative to the pulse, that spoils the measurement. A lower one, or
+    one bright sample, within 3.5 widths and a frame is fitted along with the pulse: it pulls the time by up to half a
+    frame (one of half the height) and `variance`, which is that of noise alone, does not show it.
     `estimator` reads the time from what was found to be a pulse; the width, amplitude and status are the Gaussian's.
     """
 

@@ -283,6 +283,8 @@ def test_too_few_frames_are_a_status(frames):
         [np.zeros((4, 4), np.uint16), np.zeros((4, 5), np.uint16)],
         [np.zeros((4, 4), np.uint8)],
         [np.zeros((4, 4, 3), np.uint16)],
+        np.zeros((5, 4, 4), np.float32),
+        np.zeros((5, 4, 4), np.int16),
     ],
 )
 def test_frames_that_are_no_sweep_are_refused(frames):

@@ -29,7 +29,7 @@ def replaced(out: Path) -> Iterator[Path]:
 def check_folder(out: Path) -> None:
     """Raises FileNotFoundError where the folder for `out` is missing: before anything is computed for it."""
     if not out.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "no such folder", str(out.parent))
+        raise FileNotFoundError(errno.ENOENT, "its folder does not exist", str(out))
 
 
 def _parts(part: Path) -> list[Path]:

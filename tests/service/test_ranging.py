@@ -165,7 +165,7 @@ def test_results_are_not_laid_among_the_pictures(ball):
 
 def test_a_missing_folder_is_told_before_anything_is_measured(ball, tmp_path):
     lines = measure_displacement(ball, tmp_path / "absent" / "ball.ply")
-    with pytest.raises(FileNotFoundError, match="no such folder"):
+    with pytest.raises(FileNotFoundError, match="its folder does not exist"):
         next(lines)
 
 

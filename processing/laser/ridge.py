@@ -134,7 +134,7 @@ def _with_margin(values: NDArray[np.generic], rows: slice, columns: slice, margi
 @njit(cache=True, parallel=True)
 def _ridge_rows(
     image: Array, wanted: NDArray[np.bool_], filters: Array, sigma_px: float, limits: tuple[float, float], found: Array
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Fill (u, v, strength, rival) per row; strength 0 where nothing exceeds the threshold."""
     height = len(found)
     for part in prange(_PARTS):
@@ -146,7 +146,7 @@ def _ridge_rows(
 @njit(cache=True)
 def _some_rows(
     image: Array, wanted: NDArray[np.bool_], filters: Array, sigma_px: float, limits: tuple[float, float], found: Array
-) -> None:  # pragma: no cover - compiled
+) -> None:
     width, margin = wanted.shape[1], filters.shape[1] - 1
     threshold, apart = limits
     down, field, strength = np.empty((3, image.shape[1])), np.empty((5, width)), np.empty(width)
@@ -169,7 +169,7 @@ def _some_rows(
 
 
 @njit(cache=True)
-def _ends(wanted: NDArray[np.bool_]) -> tuple[int, int]:  # pragma: no cover - compiled
+def _ends(wanted: NDArray[np.bool_]) -> tuple[int, int]:
     """First and last but one of what is wanted of a row."""
     first, last = 0, len(wanted)
     while first < last and not wanted[first]:
@@ -180,9 +180,7 @@ def _ends(wanted: NDArray[np.bool_]) -> tuple[int, int]:  # pragma: no cover - c
 
 
 @njit(cache=True, fastmath={"contract", "nsz"})
-def _derivatives(
-    image: Array, first: int, last: int, filters: Array, down: Array, field: Array
-) -> None:  # pragma: no cover - compiled
+def _derivatives(image: Array, first: int, last: int, filters: Array, down: Array, field: Array) -> None:
     """Derivatives (uu, vv, uv, u, v) of the filtered image, from `first` to `last` of its middle row.
 
     The image (2 r + 1, w + 2 r) has the filter's margin around that row.
@@ -201,7 +199,7 @@ def _derivatives(
 
 
 @njit(cache=True, fastmath={"contract", "nsz"})
-def _down(image: Array, lines: slice, taps: Array, sign: float, out: Array) -> None:  # pragma: no cover - compiled
+def _down(image: Array, lines: slice, taps: Array, sign: float, out: Array) -> None:
     """The middle row of an image under a filter down its columns, symmetric (sign 1) or antisymmetric (-1)."""
     middle = len(taps) - 1
     _start(image[middle][lines], taps[0], out)
@@ -212,7 +210,7 @@ def _down(image: Array, lines: slice, taps: Array, sign: float, out: Array) -> N
 
 
 @njit(cache=True, fastmath={"contract", "nsz"})
-def _along(line: Array, taps: Array, sign: float, out: Array) -> None:  # pragma: no cover - compiled
+def _along(line: Array, taps: Array, sign: float, out: Array) -> None:
     """A line (w + 2 r) under a filter along it, symmetric (sign 1) or antisymmetric (-1)."""
     middle = len(taps) - 1
     _start(line[middle:], taps[0], out)
@@ -222,7 +220,7 @@ def _along(line: Array, taps: Array, sign: float, out: Array) -> None:  # pragma
 
 
 @njit(cache=True, fastmath={"contract", "nsz"})
-def _start(line: Array, tap: float, out: Array) -> None:  # pragma: no cover - compiled
+def _start(line: Array, tap: float, out: Array) -> None:
     for j in range(len(out)):
         out[j] = tap * line[j]
 
@@ -230,14 +228,14 @@ def _start(line: Array, tap: float, out: Array) -> None:  # pragma: no cover - c
 @njit(cache=True, fastmath={"contract", "nsz"})
 def _add_two(
     out: Array, sign: float, taps: tuple[float, float], near: tuple[Array, Array], far: tuple[Array, Array]
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Add two pairs of lines, each under its tap: two at a time, since the sums' own traffic is what takes time."""
     for j in range(len(out)):
         out[j] += taps[0] * (near[0][j] + sign * near[1][j]) + taps[1] * (far[0][j] + sign * far[1][j])
 
 
 @njit(cache=True, fastmath={"contract", "nsz"})
-def _strengths(uu: Array, vv: Array, uv: Array, out: Array) -> None:  # pragma: no cover - compiled
+def _strengths(uu: Array, vv: Array, uv: Array, out: Array) -> None:
     """Minus the eigenvalue of largest size of each Hessian; negative for a valley."""
     for j in range(len(out)):
         trace, split = uu[j] + vv[j], uu[j] - vv[j]
@@ -248,7 +246,7 @@ def _strengths(uu: Array, vv: Array, uv: Array, out: Array) -> None:  # pragma: 
 @njit(cache=True)
 def _strongest(
     field: Array, strength: Array, wanted: NDArray[np.bool_], span: tuple[int, int], limits: tuple[float, float]
-) -> int:  # pragma: no cover - compiled
+) -> int:
     """Column of the strongest ridge point over `least`; -1 where there is none."""
     best = -1
     least, sigma_px = limits
@@ -261,7 +259,7 @@ def _strongest(
 
 
 @njit(cache=True)
-def _offset(field: Array, j: int, sigma_px: float) -> tuple[float, float]:  # pragma: no cover - compiled
+def _offset(field: Array, j: int, sigma_px: float) -> tuple[float, float]:
     """From the pixel to the ridge, in columns and rows, along the direction of most curvature.
 
     -slope / curvature is x / (1 - x^2 / S^2) at x from the top of a Gaussian of variance S^2, which is twice the

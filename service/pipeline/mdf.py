@@ -50,7 +50,7 @@ def make_mdf(session: Session, calibrations: Calibrations, progress: Progress) -
         progress.note(text)
     folder.mkdir(parents=True, exist_ok=True)
     for number, (view, one) in enumerate(zip(views, told, strict=True)):
-        draw_view(folder / f"{one['picture']}", mdf, number, view.merged, one)
+        draw_view(folder / one["picture"], mdf, number, view.merged, one)
     found = Mdf(mdf.displacement_m, mdf.variance_m2, mdf.view_directions, mdf.side_m, provenance(session, inputs))
     found.save(folder, {"views": told})
     return folder

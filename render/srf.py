@@ -5,7 +5,7 @@ from dataclasses import replace
 import moderngl
 import numpy as np
 
-from processing.products import Srf
+from processing.products import AnisotropicPhong, BlinnPhong, Lobe, ResidualBasis, Srf
 from render.arrays import Float64, Rows
 from render.programs import Binding
 from render.textures import texture_array
@@ -14,7 +14,7 @@ SHADER = "srf.frag"
 
 
 def upload(context: moderngl.Context, srf: Srf) -> Binding:
-    """Three layers, one for each of s_t, s_b, s_n, their channels as colour; undetermined texels are 0."""
+    """One layer for each function of the basis, its channels as colour; undetermined texels are 0."""
     layers = np.nan_to_num(np.moveaxis(srf.residual, (3, 0), (0, 3)))
     return Binding(
         SHADER,
@@ -22,10 +22,21 @@ def upload(context: moderngl.Context, srf: Srf) -> Binding:
         {
             "diffuse": tuple(map(float, srf.phong.diffuse)),
             "specular": tuple(map(float, srf.phong.specular)),
-            "exponent": float(srf.phong.exponent),
+            "basis": list(ResidualBasis).index(srf.basis),
             "wrap": bool(srf.wrap),
+            **_exponents(srf.phong),
         },
     )
+
+
+def _exponents(lobe: Lobe) -> dict[str, float | tuple[float, ...]]:
+    """The exponent along and across an axis in the plane of t and b."""
+    match lobe:
+        case BlinnPhong():
+            return {"exponents": (float(lobe.exponent),) * 2, "lobe_axis": (1.0, 0.0)}
+        case AnisotropicPhong():
+            along = (float(np.cos(lobe.turn_rad)), float(np.sin(lobe.turn_rad)))
+            return {"exponents": (float(lobe.exponents[0]), float(lobe.exponents[1])), "lobe_axis": along}
 
 
 def repeating(srf: Srf) -> Srf:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -121,7 +121,7 @@ def srf_errors(session: Session, maps: ReflectanceMaps, srf: Srf, simulation: Si
     truth = np.load(reply["path"])
     peak = float(np.nanmax(truth))
     reconstruction = np.stack([_on_sphere(maps, srf, light) for light in range(len(truth))])
-    bare = Srf(np.zeros_like(srf.residual), srf.phong, srf.wrap)
+    bare = replace(srf, residual=np.zeros_like(srf.residual))
     lobe = np.stack([_on_sphere(maps, bare, light) for light in range(len(truth))])
     valid = np.isfinite(truth) & np.isfinite(maps.reflectance_cos)
     mse = [float((((model - truth)[valid] / peak) ** 2).mean()) for model in (reconstruction, lobe)]

@@ -1,24 +1,28 @@
 """The result types, their files, and their plain NumPy `evaluate`: what every shader is held equal to."""
 
-from processing.products.blinn_phong import BlinnPhong, half_vectors
+from processing.products.blinn_phong import AnisotropicPhong, BlinnPhong, Lobe, half_vectors
 from processing.products.btf import Btf, StoredBtf
 from processing.products.directions import DirectionMesh
 from processing.products.factored_btf import FactoredBtf
 from processing.products.mdf import Mdf, unpack8
 from processing.products.provenance import Provenance
 from processing.products.reflectance_maps import ReflectanceMaps
+from processing.products.residual_basis import ResidualBasis
 from processing.products.sphere import normals_of, sphere_normals, sphere_uv, tangent_frames
 from processing.products.srf import Srf
 from processing.products.texture import bilinear_taps
 
 __all__ = [
+    "AnisotropicPhong",
     "BlinnPhong",
     "Btf",
     "DirectionMesh",
     "FactoredBtf",
+    "Lobe",
     "Mdf",
     "Provenance",
     "ReflectanceMaps",
+    "ResidualBasis",
     "Srf",
     "StoredBtf",
     "bilinear_taps",

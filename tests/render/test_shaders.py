@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from processing.products import BlinnPhong, DirectionMesh
+from processing.products import AnisotropicPhong, BlinnPhong, DirectionMesh, ResidualBasis
 from render.comparison import gl_vs_reference, relative_error
 from render.errors import MaterialError
 from render.materials import outgoing, upload
@@ -49,6 +49,15 @@ def test_undetermined_texels_count_as_zero(gl, srf):
     holes = srf.residual.copy()
     holes[:, ::3, ::2] = np.nan
     assert gl_vs_reference(replace(srf, residual=holes), MESHES["plane"], size=(120, 120), renderer=gl) <= BOUND
+
+
+@pytest.mark.parametrize("basis", ResidualBasis)
+@pytest.mark.parametrize("turn_rad", [0.0, 0.9])
+def test_every_basis_and_a_drawn_out_lobe_equal_the_reference(gl, srf, basis, turn_rad):
+    residual = 0.05 * np.random.default_rng(3).normal(size=(3, 16, 12, basis.size)).astype(np.float32)
+    lobe = AnisotropicPhong(srf.phong.diffuse, srf.phong.specular, np.array([8.0, 120.0]), turn_rad)
+    material = replace(srf, residual=residual, phong=lobe, basis=basis)
+    assert gl_vs_reference(material, MESHES["torus"], size=(120, 120), renderer=gl) <= BOUND
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from processing.errors import ImageError
 from processing.products import (
+    AnisotropicPhong,
     BlinnPhong,
     Btf,
     DirectionMesh,
@@ -14,6 +15,7 @@ from processing.products import (
     Mdf,
     Provenance,
     ReflectanceMaps,
+    ResidualBasis,
     Srf,
     StoredBtf,
     bilinear_taps,
@@ -128,6 +130,46 @@ def test_srf_comes_back_from_one_packed_image(tmp_path, rng):
     assert back.wrap
     assert back.provenance == MADE_FROM
     assert back.phong.exponent == LOBE.exponent
+
+
+@pytest.mark.parametrize("basis", ResidualBasis)
+def test_srf_over_any_basis_comes_back(tmp_path, rng, basis):
+    lobe = AnisotropicPhong(LOBE.diffuse, LOBE.specular, np.array([10.0, 90.0]), 0.4)
+    srf = Srf(rng.normal(size=(3, 6, 4, basis.size)).astype(np.float32), lobe, False, MADE_FROM, basis)
+    srf.save(tmp_path / "srf")
+    back = Srf.load(tmp_path / "srf")
+    assert back.basis is basis
+    np.testing.assert_array_equal(back.residual, srf.residual)
+    assert back.phong.as_dict() == lobe.as_dict()
+
+
+def test_srf_whose_coefficients_are_not_of_its_basis_is_refused():
+    with pytest.raises(ImageError, match=r"over half_light is \(3, y, x, 5\)"):
+        Srf(np.zeros((3, 2, 2, 3), np.float32), LOBE, wrap=True, basis=ResidualBasis.HALF_LIGHT)
+
+
+def test_harmonics_are_orthonormal_over_the_hemisphere():
+    height, azimuth = np.meshgrid((np.arange(400) + 0.5) / 400, 2 * np.pi * np.arange(64) / 64)
+    level = np.sqrt(1 - height**2)
+    light = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), height], axis=-1).reshape(-1, 3)
+    values = ResidualBasis.HEMISPHERICAL.evaluate(light, light)
+    np.testing.assert_allclose(2 * np.pi * values.T @ values / len(light), np.eye(9), atol=1e-4)
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.7, -2.0])
+def test_equal_exponents_are_the_round_lobe(hemisphere, turn_rad):
+    round_lobe = BlinnPhong(LOBE.diffuse, LOBE.specular, 30.0)
+    drawn_out = AnisotropicPhong(LOBE.diffuse, LOBE.specular, np.array([30.0, 30.0]), turn_rad)
+    view = hemisphere[::-1]
+    np.testing.assert_allclose(drawn_out.evaluate(hemisphere, view), round_lobe.evaluate(hemisphere, view), rtol=1e-9)
+
+
+def test_anisotropic_lobe_is_broad_where_its_exponent_is_small():
+    lobe = AnisotropicPhong(np.zeros(3), np.ones(3), np.array([5.0, 500.0]), np.pi / 2)
+    up, tilt = np.array([[0.0, 0.0, 1.0]]), np.radians(30.0)
+    along_b, along_t = (np.array([[np.sin(tilt) * t, np.sin(tilt) * b, np.cos(tilt)]]) for t, b in ((0, 1), (1, 0)))
+    np.testing.assert_allclose(lobe.evaluate(along_b, up), np.cos(tilt / 2) ** 5, rtol=1e-12)
+    np.testing.assert_allclose(lobe.evaluate(along_t, up), np.cos(tilt / 2) ** 500, rtol=1e-12)
 
 
 def test_factored_btf_comes_back_and_evaluates_the_same(tmp_path, rng, hemisphere):

@@ -4,7 +4,9 @@ from processing.products.blinn_phong import AnisotropicPhong, BlinnPhong, Lobe, 
 from processing.products.btf import Btf, StoredBtf
 from processing.products.directions import DirectionMesh
 from processing.products.factored_btf import FactoredBtf
+from processing.products.light_stack import LightStack, plane_points
 from processing.products.mdf import Mdf, unpack8
+from processing.products.normal_map import NormalMap, NormalStatus
 from processing.products.provenance import Provenance
 from processing.products.reflectance_maps import ReflectanceMaps
 from processing.products.residual_basis import ResidualBasis
@@ -18,8 +20,11 @@ __all__ = [
     "Btf",
     "DirectionMesh",
     "FactoredBtf",
+    "LightStack",
     "Lobe",
     "Mdf",
+    "NormalMap",
+    "NormalStatus",
     "Provenance",
     "ReflectanceMaps",
     "ResidualBasis",
@@ -28,6 +33,7 @@ __all__ = [
     "bilinear_taps",
     "half_vectors",
     "normals_of",
+    "plane_points",
     "sphere_normals",
     "sphere_uv",
     "tangent_frames",

@@ -78,3 +78,11 @@ def _squared_distance(points: Float64, corners: Float64) -> Float64:
         along = np.clip((points - start) @ edge / (edge @ edge), 0, 1)
         distance = np.minimum(distance, ((start + along[:, None] * edge - points) ** 2).sum(axis=-1))
     return np.where(inside, 0.0, distance)
+
+
+def toward(points: Float64, direction: Float64, distance: float) -> Float64:
+    """Unit vectors (..., 3) from points (..., 3) to what lies `distance` from their origin in a unit direction (3,)."""
+    if np.isinf(distance):
+        return np.broadcast_to(np.asarray(direction, np.float64), points.shape).copy()
+    vector = direction * distance - points
+    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True), np.float64)

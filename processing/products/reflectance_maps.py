@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from processing.products.arrays import Float32, Float64
+from processing.products.directions import toward
 from processing.products.provenance import Provenance, read_arrays, read_description, write_description
 from processing.products.sphere import sphere_normals
 
@@ -33,13 +34,13 @@ class ReflectanceMaps:
         """Unit vectors (light, q, p, 3) from each point of the sphere to each light."""
         normal = sphere_normals(self.reflectance_cos.shape[1])
         return np.stack(
-            [_toward(normal, d, r) for d, r in zip(self.light_directions, self.light_distances, strict=True)]
+            [toward(normal, d, r) for d, r in zip(self.light_directions, self.light_distances, strict=True)]
         )
 
     def views(self) -> Float64:
         """Unit vectors (q, p, 3) from each point of the sphere to the camera."""
         normal = sphere_normals(self.reflectance_cos.shape[1])
-        return _toward(normal, np.array([0.0, 0.0, -1.0]), self.view_distance)
+        return toward(normal, np.array([0.0, 0.0, -1.0]), self.view_distance)
 
     def save(self, folder: Path) -> None:
         """Write reflectance_maps.npz and product.json into `folder`, which is made."""
@@ -62,11 +63,3 @@ class ReflectanceMaps:
         names = ("reflectance_cos", "variance", "light_directions", "light_distances", "view_distance")
         reflectance, variance, lights, distances, view_distance = read_arrays(folder / content["file"], names)
         return cls(reflectance, variance, lights, distances, float(view_distance), provenance)
-
-
-def _toward(points: Float64, direction: Float64, distance: float) -> Float64:
-    if np.isinf(distance):
-        return np.broadcast_to(np.asarray(direction, np.float64), points.shape).copy()
-    vector = direction * distance - points
-    unit: Float64 = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
-    return unit

@@ -181,23 +181,22 @@ class Truth:
     ) -> dict[str, Any]:
         """True reflectance maps R(p, q) (light, q, p, 3) of the sphere, one per arm angle, NaN where it is not seen.
 
-        Cell (row, column) has p, q = (column, row + 0.5) * 2 / size - 1 and the normal (p, q, -1) / |.| in the
-        camera's axes. Values: radiance over the irradiance on a surface at the sphere's centre that faces the lamp,
-        the cosine inside. "centre_px" and "radius_px" are the circle through the sphere's limb in the image.
+        Cell (row, column) spans 2 / size around p, q = (column, row + 0.5) * 2 / size - 1; the normal of a point in it
+        is (p, q, -1) / |.| in the camera's axes. Values: radiance over the irradiance on a surface at the same point
+        that faces the lamp, the cosine inside, mean over 3 x 3 points of the cell. "centre_px" and "radius_px" are the
+        circle through the sphere's limb in the image.
         """
         device = self._camera(camera)
         scene = self._studio.scene("sphere")
         assert isinstance(scene, SphereScene)
-        grid = (np.arange(size) + 0.5) * 2 / size - 1
-        q, p = np.meshgrid(grid, grid, indexing="ij")
-        normals = np.stack([p, q, -np.ones_like(p)], axis=-1).reshape(-1, 3)
-        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True) @ device.rig_from_camera[:3, :3].T
+        normals = _gradient_normals(size, 3) @ device.rig_from_camera[:3, :3].T
         hits = scene.normal_hits(normals)
         eye_m = device.rig_from_camera[:3, 3]
         angles = [degrees(pose.arm_rad)] if arm_deg is None else arm_deg
         maps = [self._sphere_map(hits, lamp, radians(angle), eye_m) for angle in angles]
         hidden = np.einsum("nk,nk->n", normals, eye_m - hits.points) <= 0
-        stack = np.where(hidden[:, None], np.nan, np.stack(maps)).reshape(len(angles), size, size, 3)
+        points = np.where(hidden[:, None], np.nan, np.stack(maps))
+        stack = points.reshape(len(angles), size, size, -1, 3).mean(axis=3)
         centre_px, radius_px = limb_circle(device, scene.layout.radius_m)
         path = self._save("srf", None, (camera, lamp, tuple(angles), size), stack.astype(np.float32))
         return {"path": path, "centre_px": centre_px.tolist(), "radius_px": radius_px}
@@ -205,9 +204,9 @@ class Truth:
     def _sphere_map(self, hits: Hits, lamp: str, arm_rad: float, eye_m: Array) -> Floats:
         pose = Pose("sphere", 0, 0.0, 0.0, arm_rad, (), 0.0, False, None)
         light = self._studio.lamp(pose, lamp)
-        irradiance = light.strength * (light.reach_m / np.linalg.norm(light.position_m)) ** 2
+        square = np.sum((light.position_m - hits.points) ** 2, axis=1, keepdims=True)
         seen = self._studio.lamp_radiance(pose, hits, light, eye_m)
-        return np.asarray(seen / irradiance, np.float32)
+        return np.asarray(seen / (light.strength * light.reach_m**2 / square), np.float32)
 
     def btf(self, pose: Pose, camera: str, lamp: str, texels: int, samples: int = 3) -> dict[str, Any]:
         """True BTF image (texels, texels, 3) for the lamp and the camera as they stand in this pose.
@@ -275,6 +274,15 @@ class Truth:
         folder = self._folder / what
         folder.mkdir(parents=True, exist_ok=True)
         return folder / f"{digest}.{suffix}"
+
+
+def _gradient_normals(size: int, samples: int) -> Array:
+    """Unit normals (size^2 * samples^2, 3) of points that divide each cell of gradient space evenly, cell by cell."""
+    inside = (np.arange(samples) + 0.5) / samples
+    row, column, down, right = np.meshgrid(np.arange(size), np.arange(size), inside, inside, indexing="ij")
+    p, q = ((at * 2 / size - 1).ravel() for at in (column + right, row + down))
+    normals = np.column_stack([p, q, -np.ones_like(p)])
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def limb_circle(camera: CameraLayout, radius_m: float) -> tuple[Array, float]:

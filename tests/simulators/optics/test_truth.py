@@ -124,8 +124,8 @@ def test_reflectance_maps_agree_with_the_picture(optics, pose):
     points = 0.05 * normals @ camera.rig_from_camera[:3, :3].T
     column, row = np.rint(project(camera, points)).astype(int).T
     green = ((row % 2 + column % 2) == 1) & (normals[:, 2] < -0.8)
-    led, away_m = optics.layout.lamps["led"], np.linalg.norm(optics.layout.lamp_position("led", 0.0, 0.0))
-    irradiance = led.gains[1] * (led.distance_m / away_m) ** 2
+    led, source = optics.layout.lamps["led"], optics.layout.lamp_position("led", 0.0, arm_rad)
+    irradiance = led.gains[1] * led.distance_m**2 / np.sum((source - points[green]) ** 2, axis=1)
     predicted = maps[0].reshape(-1, 3)[green, 1] * irradiance * 60000 * np.pi / 0.9
     measured = rate[row, column][green]
     assert np.corrcoef(predicted, measured)[0, 1] > 0.95

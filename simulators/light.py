@@ -2,7 +2,9 @@
 
 One unit of irradiance is what any lamp at full level gives a surface at the rig origin that faces it. Surfaces reflect
 a Lambertian part, albedo / pi, and a glossy one: microfacets of the distribution of Trowbridge and Reitz with Smith's
-shadowing and Schlick's Fresnel term. Reflectance is in 1/sr, radiance in units of irradiance per steradian.
+shadowing and Schlick's Fresnel term. Some also scatter what has entered through that glossy surface, and have a sheen
+of upright fibres (`scene.Below`, `scene.Material`). Reflectance is in 1/sr, radiance in units of irradiance per
+steradian.
 """
 
 from math import pi
@@ -22,6 +24,7 @@ CHANNELS = np.array([0.60, 1.00, 0.72])  # the sensor's response to white light
 # 250 000 e-/s, about 10 000 e- at 1/15 s under the slant of the mountings, 5000 e- at 1/30 s.
 LASER_PEAK = 250000.0 / 60000.0
 LASER_CHANNELS = np.array([1.00, 0.12, 0.03])
+SHEEN_ROUGHNESS = 0.5  # of the fibres' directions; it gives a white sheen 0.3 of the light at normal view
 AMBIENT = 3e-4  # irradiance of the stray light in the dark room
 
 
@@ -33,7 +36,13 @@ def radiance(hits: Hits, visible: Mask, source: Array, eye: Array, reach_m: floa
     out = np.zeros((len(hits.points), 3), np.float32)
     material = hits.material
     surface = (hits.points, hits.normals, material.albedo, material.specular, material.roughness)
-    _radiance(surface, visible, np.stack([source, eye]), reach_m, out)
+    ends = np.stack([source, eye])
+    _radiance(surface, visible, ends, reach_m, out)
+    if material.below is not None:
+        below = (material.below.albedo, material.below.spread, material.specular)
+        _add_below(surface[:2], below, visible, ends, reach_m, out)
+    if material.sheen is not None:
+        _add_sheen(surface[:2], material.sheen, visible, ends, reach_m, out)
     return out
 
 
@@ -101,6 +110,67 @@ def _radiance(
         irradiance = n_l * reach * reach / square
         for k in range(3):
             out[i, k] = irradiance * (albedo[i, k] / pi + gloss)
+
+
+@numba.njit(cache=True)
+def _passed(cosine: float, specular: float) -> float:
+    """Share of the light that goes through the glossy surface, by Schlick's Fresnel term."""
+    share: float = (1.0 - specular) * (1.0 - (1.0 - min(cosine, 1.0)) ** 5)
+    return share
+
+
+@numba.njit(cache=True)
+def _way(start: Array, end: Array) -> tuple[Array, float]:
+    """Unit vector from start to end, and the distance squared."""
+    way = end - start
+    square = _dot(way, way)
+    return way / np.sqrt(square), square
+
+
+@numba.njit(cache=True)
+def _add_below(
+    surface: tuple[Array, Floats], below: tuple[Floats, Floats, Floats], visible: Mask, ends: Array, reach: float,
+    out: Floats,
+) -> None:  # fmt: skip
+    """Light that enters through the surface, spreads below it and leaves.
+
+    The cosine of incidence c is replaced by (c + s) / (1 + s)^2, s the spread: on a sphere the light goes past the
+    terminator, and as much leaves in all as without it. Both ways through the surface cost what it reflects.
+    """
+    points, normals = surface
+    albedo, spread, specular = below
+    for i in range(len(points)):
+        if not visible[i]:
+            continue
+        light, square = _way(points[i], ends[0])
+        view, _ = _way(points[i], ends[1])
+        leaving = _passed(max(_dot(view, normals[i]), 1e-3), specular[i])
+        n_l = _dot(light, normals[i])
+        for k in range(3):
+            entering = (n_l + spread[i, k]) / (1 + spread[i, k])
+            if entering > 0.0:
+                share = _passed(entering, specular[i]) * leaving * entering / (1 + spread[i, k])
+                out[i, k] += reach * reach / square * share * albedo[i, k] / pi
+
+
+@numba.njit(cache=True)
+def _add_sheen(
+    surface: tuple[Array, Floats], sheen: Floats, visible: Mask, ends: Array, reach: float, out: Floats
+) -> None:
+    """Light that upright fibres reflect: distribution of Estevez and Kulla 2017, visibility of Neubelt and Pettineo."""
+    points, normals = surface
+    for i in range(len(points)):
+        light, square = _way(points[i], ends[0])
+        view, _ = _way(points[i], ends[1])
+        n_l, n_v = _dot(light, normals[i]), max(_dot(view, normals[i]), 1e-3)
+        if not visible[i] or n_l <= 0.0 or sheen[i] == 0.0:
+            continue
+        n_h = _dot(light + view, normals[i]) / np.sqrt(_dot(light + view, light + view))
+        sine = np.sqrt(max(1.0 - n_h * n_h, 0.0))
+        fibres = (2 + 1 / SHEEN_ROUGHNESS) * sine ** (1 / SHEEN_ROUGHNESS) / (2 * pi)
+        gloss = sheen[i] * fibres / (4 * (n_l + n_v - n_l * n_v))
+        for k in range(3):
+            out[i, k] += n_l * reach * reach / square * gloss
 
 
 @numba.njit(cache=True)

@@ -159,7 +159,7 @@ class Optics:
         def make() -> Floats:
             view = self._view(camera, pose)
             dark = self.sensor(camera).dark_e_s
-            return dark + self._mosaic(camera, view, view.hits.material.albedo * np.float32(AMBIENT / np.pi))
+            return dark + self._mosaic(camera, view, view.hits.material.diffuse * np.float32(AMBIENT / np.pi))
 
         return self._mosaics.get((*self._view_key(camera, pose), "dark"), make)
 

@@ -12,15 +12,42 @@ Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
+class Below:
+    """What light meets that has entered n points through their glossy surface: `albedo` (n, 3), `spread` (n, 3).
+
+    `spread` is how far it goes under the surface before it leaves, as the cosine below the horizon of the light down to
+    which a curved body still shines: 0 where it leaves at once.
+    """
+
+    albedo: Floats
+    spread: Floats
+
+
+@dataclass(frozen=True)
 class Material:
     """Diffuse and glossy reflectance of n surface points: `albedo` (n, 3), `specular` (n,), `roughness` (n,).
 
     `specular` is the Fresnel reflectance at normal incidence, `roughness` the width of the glossy lobe in (0, 1].
+    `sheen` (n,) is what upright fibres add at grazing angles, in [0, 1].
     """
 
     albedo: Floats
     specular: Floats
     roughness: Floats
+    below: Below | None = None
+    sheen: Floats | None = None
+
+    @property
+    def diffuse(self) -> Floats:
+        """All that leaves in every direction alike (n, 3), of the surface and of what is below it."""
+        return self.albedo if self.below is None else self.albedo + self.below.albedo
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that the arrays take."""
+        below = () if self.below is None else (self.below.albedo, self.below.spread)
+        sheen = () if self.sheen is None else (self.sheen,)
+        return sum(array.nbytes for array in (self.albedo, self.specular, self.roughness, *below, *sheen))
 
 
 @dataclass(frozen=True)
@@ -35,9 +62,7 @@ class Hits:
     @property
     def nbytes(self) -> int:
         """Memory that the arrays take."""
-        material = self.material
-        arrays = (self.ray, self.points, self.normals, material.albedo, material.specular, material.roughness)
-        return sum(array.nbytes for array in arrays)
+        return sum(array.nbytes for array in (self.ray, self.points, self.normals)) + self.material.nbytes
 
 
 class Scene(Protocol):
@@ -77,3 +102,24 @@ def matt(count: int, albedo: float) -> Material:
     return Material(
         np.full((count, 3), albedo, np.float32), np.zeros(count, np.float32), np.ones(count, np.float32)
     )  # fmt: skip
+
+
+def among_matt(count: int, albedo: float, where: Mask | NDArray[np.int64], inside: Material) -> Material:
+    """`count` points, of which those at `where` are of the material inside and the others Lambertian of this albedo."""
+
+    def spread_out(values: Floats) -> Floats:
+        whole = np.zeros((count, *values.shape[1:]), np.float32)
+        whole[where] = values
+        return whole
+
+    around = matt(count, albedo)
+    around.albedo[where], around.specular[where] = inside.albedo, inside.specular
+    around.roughness[where] = inside.roughness
+    below, sheen = inside.below, inside.sheen
+    return Material(
+        around.albedo,
+        around.specular,
+        around.roughness,
+        None if below is None else Below(spread_out(below.albedo), spread_out(below.spread)),
+        None if sheen is None else spread_out(sheen),
+    )

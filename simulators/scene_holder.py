@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.layout import HolderLayout
-from simulators.scene import Array, Floats, Hits, Mask, Sample, matt
+from simulators.scene import Array, Floats, Hits, Mask, Sample, among_matt
 
 MISS, FRAME, OPENING = 0, 1, 2
 
@@ -38,11 +38,8 @@ class HolderScene:
         points[inside[found.ray]] = found.points
         normals[inside[found.ray]] = found.normals
         ray = np.flatnonzero(kinds)
-        material = matt(len(ray), self.holder.albedo)
         of_sample = np.searchsorted(ray, inside[found.ray])
-        material.albedo[of_sample] = found.material.albedo
-        material.specular[of_sample] = found.material.specular
-        material.roughness[of_sample] = found.material.roughness
+        material = among_matt(len(ray), self.holder.albedo, of_sample, found.material)
         return Hits(ray, points[ray], normals[ray], material)
 
     def lit(self, hits: Hits, source: Array) -> Mask:

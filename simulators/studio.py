@@ -14,15 +14,18 @@ from simulators.samples.mesh import Mesh, MeshSample
 from simulators.samples.peanut import peanut_mesh
 from simulators.samples.pipe import pipe_mesh
 from simulators.samples.relief import Relief, ReliefSample, flat_relief
+from simulators.samples.spheres import SPHERES, Surface
 from simulators.samples.weave import weave_mesh
 from simulators.scene import Floats, Hits, Mask, Scene
 from simulators.scene_board import BoardScene
+from simulators.scene_figure import FigureScene
 from simulators.scene_holder import HolderScene
 from simulators.scene_mirror import MirrorScene
 from simulators.scene_sphere import SphereScene
 from simulators.sensor import Sensor, Unit, build_unit
 
 CAP, LIGHTBOX = "cap", "lightbox"  # stand before every lens: no light at all, or an even diffuse field
+UNTURNED = (*SPHERES, "figure")  # stand in the rig and not on the turntable
 FLOOR_ALBEDO = 0.03  # of the empty opening's bottom
 
 
@@ -36,6 +39,11 @@ def _mesh_in_holder(mesh: Callable[[HolderLayout, int], Mesh]) -> Callable[[Layo
     return lambda layout: HolderScene(layout.holder, MeshSample(mesh(layout.holder, layout.seed)))
 
 
+def _sphere(surface: Surface) -> Callable[[Layout], Scene]:
+    """Builds the scene of a sphere of this surface."""
+    return lambda layout: SphereScene(layout.sphere, layout.seed, surface)
+
+
 SCENES: Mapping[str, Callable[[Layout], Scene]] = {
     "none": _in_holder(lambda layout: flat_relief(layout.holder.opening_m, -layout.holder.depth_m, FLOOR_ALBEDO)),
     "white": _in_holder(lambda layout: flat_relief(layout.holder.opening_m, 0.0, layout.holder.albedo)),
@@ -44,7 +52,8 @@ SCENES: Mapping[str, Callable[[Layout], Scene]] = {
     "peanut": _mesh_in_holder(peanut_mesh),
     "grass": _mesh_in_holder(grass_mesh),
     "pipe": _mesh_in_holder(pipe_mesh),
-    "sphere": lambda layout: SphereScene(layout.sphere, layout.seed),
+    **{name: _sphere(surface) for name, surface in SPHERES.items()},
+    "figure": lambda layout: FigureScene(layout.sphere, layout.seed),
     "charuco": lambda layout: BoardScene(layout.board),
     "mirror": lambda layout: MirrorScene(layout.mirror),
 }
@@ -85,8 +94,8 @@ class Studio:
         return self._scenes[sample]
 
     def rig_from_scene(self, pose: Pose) -> Array:
-        """Rigid transform (4, 4): all but the sphere stand on the turntable, the board tilted by hand besides."""
-        if pose.sample == "sphere":
+        """Rigid transform (4, 4): all but spheres and figure stand on the turntable, the board tilted by hand."""
+        if pose.sample in UNTURNED:
             return np.eye(4)
         turned = transform(rotation(np.array([0.0, 0.0, pose.turntable_rad])), np.zeros(3))
         if pose.sample == "charuco":

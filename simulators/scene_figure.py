@@ -48,5 +48,7 @@ class FigureScene:
         starts = hits.points + self.body.offset_m * hits.normals
         way = source - starts
         distance = np.linalg.norm(way, axis=1)
-        free: Mask = ~self.body.blocks(starts, way) & ~(self.card.distance(starts, way / distance[:, None]) < distance)
-        return free & (np.einsum("nk,nk->n", way, hits.normals) > 0)
+        facing = np.einsum("nk,nk->n", way, hits.normals) > 0
+        past_card = ~(self.card.distance(starts, way / distance[:, None]) < distance)
+        visible: Mask = facing & past_card & ~self.body.blocks(starts, way)
+        return visible

@@ -4,7 +4,7 @@ import hashlib
 import inspect
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import degrees, radians
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,9 @@ from simulators.lens import project, rays, sample_points, vignette
 from simulators.light import CHANNELS, ELECTRONS_PER_RADIANCE
 from simulators.pose import Pose
 from simulators.scene import Floats, Hits
+from simulators.scene_figure import FigureScene
 from simulators.scene_sphere import SphereScene
+from simulators.sphere_truth import maps_of
 from simulators.studio import Lamp, Studio
 
 Argument = str | int | list[float]  # of a kind of truth, as the control port hands it on
@@ -60,12 +62,13 @@ class Truth:
     def tell(self, what: str, pose: Pose, **arguments: Argument) -> dict[str, Any]:
         """Write one kind of truth at a pose; returns {"path": ...} and what else the kind's own method names.
 
-        `what`: displacement, points, radiance, cameras, lamps, laser, board, srf, btf, sensor.
+        `what`: displacement, points, normals, radiance, cameras, lamps, laser, board, srf, btf, sensor.
         Raises ValueError for another.
         """
         tellers: dict[str, Callable[..., dict[str, Any]]] = {
             "displacement": self.displacement,
             "points": self.points,
+            "normals": self.normals,
             "radiance": self.radiance,
             "cameras": self.cameras,
             "lamps": self.lamps,
@@ -177,36 +180,42 @@ class Truth:
         return {"path": self._write("board", pose, record), "board": record}
 
     def srf(
-        self, pose: Pose, camera: str = "front", lamp: str = "led", arm_deg: list[float] | None = None, size: int = 256
+        self,
+        pose: Pose,
+        camera: str = "front",
+        lamp: str = "led",
+        arm_deg: list[float] | None = None,
+        size: int = 256,
+        sample: str = "sphere",
     ) -> dict[str, Any]:
-        """True reflectance maps R(p, q) (light, q, p, 3) of the sphere, one per arm angle, NaN where it is not seen.
+        """True reflectance maps R(p, q) (light, q, p, 3) of a sphere, one per arm angle; see `sphere_truth.maps_of`.
 
-        Cell (row, column) spans 2 / size around p, q = (column, row + 0.5) * 2 / size - 1; the normal of a point in it
-        is (p, q, -1) / |.| in the camera's axes. Values: radiance over the irradiance on a surface at the same point
-        that faces the lamp, the cosine inside, mean over 3 x 3 points of the cell. "centre_px" and "radius_px" are the
-        circle through the sphere's limb in the image.
+        "centre_px" and "radius_px" are the circle through the sphere's limb in the image.
         """
-        device = self._camera(camera)
-        scene = self._studio.scene("sphere")
-        assert isinstance(scene, SphereScene)
-        normals = _gradient_normals(size, 3) @ device.rig_from_camera[:3, :3].T
-        hits = scene.normal_hits(normals)
-        eye_m = device.rig_from_camera[:3, 3]
+        device, scene = self._camera(camera), self._studio.scene(sample)
+        if not isinstance(scene, SphereScene):
+            raise ValueError(f"truth 'srf': {sample!r} is no sphere")
         angles = [degrees(pose.arm_rad)] if arm_deg is None else arm_deg
-        maps = [self._sphere_map(hits, lamp, radians(angle), eye_m) for angle in angles]
-        hidden = np.einsum("nk,nk->n", normals, eye_m - hits.points) <= 0
-        points = np.where(hidden[:, None], np.nan, np.stack(maps))
-        stack = points.reshape(len(angles), size, size, -1, 3).mean(axis=3)
+        lights = [self._studio.lamp(replace(pose, arm_rad=radians(angle)), lamp).position_m for angle in angles]
+        rig_from_camera = device.rig_from_camera
+        maps = maps_of(scene, lights, rig_from_camera[:3, 3], rig_from_camera[:3, :3], size)
         centre_px, radius_px = limb_circle(device, scene.layout.radius_m)
-        path = self._save("srf", None, (camera, lamp, tuple(angles), size), stack.astype(np.float32))
+        path = self._save("srf", None, (camera, lamp, tuple(angles), size, sample), maps)
         return {"path": path, "centre_px": centre_px.tolist(), "radius_px": radius_px}
 
-    def _sphere_map(self, hits: Hits, lamp: str, arm_rad: float, eye_m: Array) -> Floats:
-        pose = Pose("sphere", 0, 0.0, 0.0, arm_rad, (), 0.0, False, None)
-        light = self._studio.lamp(pose, lamp)
-        square = np.sum((light.position_m - hits.points) ** 2, axis=1, keepdims=True)
-        seen = self._studio.lamp_radiance(pose, hits, light, eye_m)
-        return np.asarray(seen / (light.strength * light.reach_m**2 / square), np.float32)
+    def normals(self, pose: Pose, camera: str) -> dict[str, Any]:
+        """Normals (h, w, 3) of a sphere or the figure where the pixels' rays first hit it, NaN where none does.
+
+        In the camera's axes, but y up the picture and z toward the camera. They hold the material's bumps.
+        """
+        device, scene = self._camera(camera), self._studio.scene(pose.sample)
+        if not isinstance(scene, SphereScene | FigureScene):
+            raise ValueError(f"truth 'normals': {pose.sample!r} is neither sphere nor figure")
+        hits = scene.trace(device.rig_from_camera[:3, 3], rays(device, sample_points(device, 1)))
+        of_body = scene.card.on_body(hits.points)
+        normals = np.full((device.height_px * device.width_px, 3), np.nan, np.float32)
+        normals[hits.ray[of_body]] = hits.normals[of_body] @ device.rig_from_camera[:3, :3] * [1, -1, -1]
+        return {"path": self._save("normals", pose, camera, normals.reshape(device.height_px, device.width_px, 3))}
 
     def btf(self, pose: Pose, camera: str, lamp: str, texels: int, samples: int = 3) -> dict[str, Any]:
         """True BTF image (texels, texels, 3) for the lamp and the camera as they stand in this pose.
@@ -274,15 +283,6 @@ class Truth:
         folder = self._folder / what
         folder.mkdir(parents=True, exist_ok=True)
         return folder / f"{digest}.{suffix}"
-
-
-def _gradient_normals(size: int, samples: int) -> Array:
-    """Unit normals (size^2 * samples^2, 3) of points that divide each cell of gradient space evenly, cell by cell."""
-    inside = (np.arange(samples) + 0.5) / samples
-    row, column, down, right = np.meshgrid(np.arange(size), np.arange(size), inside, inside, indexing="ij")
-    p, q = ((at * 2 / size - 1).ravel() for at in (column + right, row + down))
-    normals = np.column_stack([p, q, -np.ones_like(p)])
-    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def limb_circle(camera: CameraLayout, radius_m: float) -> tuple[Array, float]:

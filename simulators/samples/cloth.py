@@ -8,8 +8,8 @@ from simulators.scene import Array, Floats, Material
 
 THREADS = 34  # over a quarter turn: 2.3 mm each on a ball of 50 mm radius
 THICK, WAVE, PLY = 0.22, 0.20, 0.03  # of threads: roundness, how far they go up and down, and the groove of their twist
-WARP, WEFT = (0.115, 0.090, 0.200), (0.34, 0.15, 0.11)  # albedo
-SHEEN = 0.45
+WARP, WEFT = (0.10, 0.12, 0.24), (0.42, 0.17, 0.10)  # albedo
+SHEEN = 0.22
 
 
 def cloth(unit: Array, seed: int) -> tuple[Floats, Material]:

@@ -31,11 +31,11 @@ def _outline(unit: Array, seed: int) -> tuple[Array, Array]:
     """Distance from the middle (n,), and in [0, 1] how deep between the knobs it is (n,)."""
     rng = np.random.default_rng([seed, 17])
     raised = np.zeros(len(unit))
-    for centre, width in zip(_spread_out(KNOBS, rng), rng.uniform(0.28, 0.42, KNOBS), strict=True):
+    for centre, width in zip(_spread_out(KNOBS, rng), rng.uniform(0.42, 0.62, KNOBS), strict=True):
         angle = np.arccos(np.clip(unit @ centre, -1, 1))
-        raised += rng.uniform(0.6, 1.0) * np.exp(-((angle / width) ** 2))
+        raised += rng.uniform(0.5, 1.0) * np.exp(-((angle / width) ** 2))
     soft = fractal(unit * 1.7 + 2.3, seed + 40, 2)
-    return 0.62 + 0.38 * raised + 0.12 * soft, 1 - smooth_step(0.1, 0.6, raised)
+    return 0.68 + 0.36 * raised + 0.10 * soft, 1 - smooth_step(0.25, 0.7, raised)
 
 
 def _spread_out(count: int, rng: np.random.Generator) -> Array:
@@ -51,7 +51,7 @@ def _spread_out(count: int, rng: np.random.Generator) -> Array:
 def _surface(unit: Array, hollow: Array, seed: int) -> Array:
     """Albedo, specular and roughness (n, 5): clay, a glossy green glaze that ran into the hollows, pale spots."""
     mottle = fractal(unit * 9.0 + 1.1, seed + 41, 4)
-    glazed = smooth_step(0.25, 0.55, hollow + 0.5 * fractal(unit * 3.1, seed + 42, 3))
+    glazed = smooth_step(0.3, 0.6, hollow + 0.5 * fractal(unit * 3.1, seed + 42, 3))
     spots = smooth_step(0.16, 0.24, fractal(unit * 6.0 + 8.0, seed + 43, 2)) * (1 - glazed)
     colour = np.array(CLAY) + glazed[:, None] * (np.array(LEAF) - CLAY)
     colour = colour + spots[:, None] * (np.array(PALE) - colour)

@@ -23,7 +23,8 @@ def tilted_normals(unit: Array, height: Callable[[Array], Array], amount: Array)
         gradient[:, k] = (ahead - behind) / (2 * STEP)
     along = np.einsum("nk,nk->n", gradient, unit)
     tilted = unit - amount[:, None] * (gradient - along[:, None] * unit)
-    return (tilted / np.linalg.norm(tilted, axis=1, keepdims=True)).astype(np.float32)
+    unit_length: Array = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
+    return unit_length.astype(np.float32)
 
 
 @numba.njit(cache=True)

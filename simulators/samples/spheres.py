@@ -12,9 +12,9 @@ from simulators.scene import Array, Below, Floats, Material
 Surface = Callable[[Array, int], tuple[Floats, Material]]  # unit vectors (n, 3) and seed to normals (n, 3) and material
 
 GLAZE, GLAZE_GLOSS = (0.06, 0.21, 0.29), (0.045, 0.24)  # albedo of the body; specular and roughness of the glaze
-WAX, WAX_GLOSS = (0.80, 0.62, 0.40), (0.040, 0.45)
+WAX, WAX_GLOSS = (0.78, 0.55, 0.30), (0.040, 0.45)
 # How far red, green and blue go: in wax red light goes furthest. The sphere is some ten mean free paths in radius.
-WAX_SPREAD = (0.50, 0.34, 0.20)
+WAX_SPREAD = (0.45, 0.36, 0.26)
 
 
 def glaze(unit: Array, seed: int) -> tuple[Floats, Material]:
@@ -28,7 +28,7 @@ def wax(unit: Array, seed: int) -> tuple[Floats, Material]:
     cloud = fractal(unit * 2.5 + 4.7, seed + 20, 3)
     albedo = np.clip(np.array(WAX) * (1 + 0.25 * cloud[:, None]), 0.05, 0.95)
     spread = np.tile(np.array(WAX_SPREAD, np.float32), (len(unit), 1))
-    dents = np.full(len(unit), 0.05)
+    dents = np.full(len(unit), 0.02)
     normals = tilted_normals(unit, lambda place: fractal(place * 3.0, seed + 21, 2) / 3.0, dents)
     return normals, _covered(albedo, spread, WAX_GLOSS)
 

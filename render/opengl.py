@@ -133,7 +133,7 @@ class GlRenderer:
         binding = self._material(scene.material)
         if scene.mesh.map_from_world is not None:
             defines |= {"GRADIENT_MAP"}
-        program = self._program(binding.shader, defines)
+        program = self._program(binding.shader, defines | binding.defines)
         binding.use(program)
         _set_scene(program, scene, lights)
         target.framebuffer.use()

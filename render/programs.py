@@ -20,11 +20,15 @@ _PLACE = re.compile(r"\b\d+(?::(\d+)(?:\(\d+\))?|\((\d+)\))")
 
 @dataclass(frozen=True)
 class Binding:
-    """A material on the graphics card: its shader, and its textures and numbers by the names of the uniforms."""
+    """A material on the graphics card: its shader, and its textures and numbers by the names of the uniforms.
+
+    `defines` are the names that the shader is compiled with: a kind of material may be several programs.
+    """
 
     shader: str
     textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]
     values: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
+    defines: frozenset[str] = frozenset()
 
     def use(self, program: moderngl.Program) -> None:
         """Bind every texture and set every uniform that the program kept."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 import moderngl
 import numpy as np
 
-from processing.products import AnisotropicPhong, BlinnPhong, Lobe, ResidualBasis, Srf
+from processing.products import AnisotropicPhong, BlinnPhong, Lobe, Srf
 from render.arrays import Float64, Rows
 from render.programs import Binding
 from render.textures import texture_array
@@ -18,14 +18,14 @@ def upload(context: moderngl.Context, srf: Srf) -> Binding:
     layers = np.nan_to_num(np.moveaxis(srf.residual, (3, 0), (0, 3)))
     return Binding(
         SHADER,
-        {"residual": texture_array(context, layers, "SRF map")},
+        {"residual": texture_array(context, layers, "SRF map", wrap=srf.wrap)},
         {
             "diffuse": tuple(map(float, srf.phong.diffuse)),
             "specular": tuple(map(float, srf.phong.specular)),
-            "basis": list(ResidualBasis).index(srf.basis),
             "wrap": bool(srf.wrap),
             **_exponents(srf.phong),
         },
+        frozenset([f"BASIS_{srf.basis.name}", *(["ANISOTROPIC"] if isinstance(srf.phong, AnisotropicPhong) else [])]),
     )
 
 

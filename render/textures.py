@@ -1,4 +1,4 @@
-"""Float textures for texelFetch: the shaders filter by hand, since hardware filters with 8-bit weights."""
+"""Float textures whose nearest texel is read: the shaders filter by hand, since hardware filters with 8-bit weights."""
 
 import moderngl
 import numpy as np
@@ -7,8 +7,8 @@ from render.arrays import Rows
 from render.errors import MaterialError
 
 
-def texture_array(context: moderngl.Context, layers: Rows, what: str) -> moderngl.TextureArray:
-    """Layers (layer, y, x, 3) as float32; raises MaterialError where the graphics library has no room."""
+def texture_array(context: moderngl.Context, layers: Rows, what: str, *, wrap: bool = True) -> moderngl.TextureArray:
+    """Layers (layer, y, x, 3) as float32, which repeat or end; raises MaterialError where there is no room for them."""
     count, height, width, channels = layers.shape
     if channels != 3:
         raise MaterialError(f"{what}: {channels} channels, the preview draws 3")
@@ -21,7 +21,10 @@ def texture_array(context: moderngl.Context, layers: Rows, what: str) -> moderng
     # Four components lie on whole words: a fetch of three was measured to cost a quarter more.
     data = np.zeros((count, height, width, 4), dtype=np.float32)
     data[..., :3] = layers
-    return context.texture_array((width, height, count), 4, data.tobytes(), dtype="f4", alignment=1)
+    texture = context.texture_array((width, height, count), 4, data.tobytes(), dtype="f4", alignment=1)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    texture.repeat_x = texture.repeat_y = wrap
+    return texture
 
 
 def table(context: moderngl.Context, values: Rows) -> moderngl.Texture:

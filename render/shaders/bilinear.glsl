@@ -1,29 +1,29 @@
-// Bilinear lookup by hand: the same taps and weights as processing.products.bilinear_taps.
+// Bilinear lookup by hand: the same taps and weights as processing.products.bilinear_taps, in float32.
+// The sampler takes the nearest texel, and repeats or ends as the texture does: a lookup at a texel's middle is exact,
+// and costs Mesa's software rasteriser half of a texelFetch, which tests its bounds in every lane.
 
 struct Taps {
-    ivec2 low;      // texel left above
-    ivec2 high;     // texel right below
+    vec2 low;       // middle of the texel left above
+    vec2 high;      // of the one right below
     vec4 weights;   // left above, right above, left below, right below
 };
 
-Taps bilinear_taps(vec2 uv, ivec2 size, bool wrap) {
+Taps bilinear_taps(vec2 uv, vec2 size, bool wrap) {
     // The whole turns go first: float32 would lose the fraction of a texel in a large coordinate.
-    vec2 at = (wrap ? uv - floor(uv) : clamp(uv, -1.0, 2.0)) * vec2(size) - 0.5;
+    vec2 at = (wrap ? uv - floor(uv) : uv) * size - 0.5;
     vec2 corner = floor(at);
     vec2 f = at - corner;
-    ivec2 low = ivec2(corner);
-    ivec2 high = low + 1;
     Taps taps;
-    // After the turns are gone low is -1 at least and high the size at most.
-    taps.low = wrap ? low + size * ivec2(lessThan(low, ivec2(0))) : clamp(low, ivec2(0), size - 1);
-    taps.high = wrap ? high - size * ivec2(greaterThanEqual(high, size)) : clamp(high, ivec2(0), size - 1);
+    taps.low = (corner + 0.5) / size;
+    taps.high = (corner + 1.5) / size;
     taps.weights = vec4((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y);
     return taps;
 }
 
 vec3 bilinear(sampler2DArray map, int layer, Taps taps) {
-    return taps.weights.x * texelFetch(map, ivec3(taps.low, layer), 0).rgb
-         + taps.weights.y * texelFetch(map, ivec3(taps.high.x, taps.low.y, layer), 0).rgb
-         + taps.weights.z * texelFetch(map, ivec3(taps.low.x, taps.high.y, layer), 0).rgb
-         + taps.weights.w * texelFetch(map, ivec3(taps.high, layer), 0).rgb;
+    float z = float(layer);
+    return taps.weights.x * textureLod(map, vec3(taps.low, z), 0.0).rgb
+         + taps.weights.y * textureLod(map, vec3(taps.high.x, taps.low.y, z), 0.0).rgb
+         + taps.weights.z * textureLod(map, vec3(taps.low.x, taps.high.y, z), 0.0).rgb
+         + taps.weights.w * textureLod(map, vec3(taps.high, z), 0.0).rgb;
 }

@@ -11,19 +11,28 @@ uniform sampler2D view_triangles;
 uniform int rank;
 uniform int lights;
 
-vec3 outgoing(vec2 uv, vec3 light, vec3 view) {
+struct Material {
+    Taps taps;
+    Corners seen;
+};
+
+Material material_at(vec2 uv, vec3 view) {
+    Taps taps = bilinear_taps(uv, vec2(textureSize(eigenmaps, 0).xy), true);
+    return Material(taps, direction_corners(view_cells, view_triangles, view));
+}
+
+vec3 outgoing(Material here, vec3 light) {
     if (light.z <= 0.0) {
         return vec3(0.0);
     }
-    Taps taps = bilinear_taps(uv, textureSize(eigenmaps, 0).xy, true);
     Corners lit = direction_corners(light_cells, light_triangles, light);
-    Corners seen = direction_corners(view_cells, view_triangles, view);
+    Corners seen = here.seen;
     vec3 total = vec3(0.0);
     for (int k = 0; k < rank; ++k) {
         int layer = k * lights;
-        vec3 map = lit.weights.x * bilinear(eigenmaps, layer + lit.indices.x, taps)
-                 + lit.weights.y * bilinear(eigenmaps, layer + lit.indices.y, taps)
-                 + lit.weights.z * bilinear(eigenmaps, layer + lit.indices.z, taps);
+        vec3 map = lit.weights.x * bilinear(eigenmaps, layer + lit.indices.x, here.taps)
+                 + lit.weights.y * bilinear(eigenmaps, layer + lit.indices.y, here.taps)
+                 + lit.weights.z * bilinear(eigenmaps, layer + lit.indices.z, here.taps);
         float weight = seen.weights.x * texelFetch(view_weights, ivec2(seen.indices.x, k), 0).r
                      + seen.weights.y * texelFetch(view_weights, ivec2(seen.indices.y, k), 0).r
                      + seen.weights.z * texelFetch(view_weights, ivec2(seen.indices.z, k), 0).r;

@@ -3,9 +3,16 @@
 
 uniform sampler2DArray albedo;
 
-vec3 outgoing(vec2 uv, vec3 light, vec3 view) {
-    Taps taps = bilinear_taps(uv, textureSize(albedo, 0).xy, true);
-    return bilinear(albedo, 0, taps) * (max(light.z, 0.0) * 0.31830988618);
+struct Material {
+    vec3 colour;
+};
+
+Material material_at(vec2 uv, vec3 view) {
+    return Material(bilinear(albedo, 0, bilinear_taps(uv, vec2(textureSize(albedo, 0).xy), true)));
+}
+
+vec3 outgoing(Material here, vec3 light) {
+    return here.colour * (max(light.z, 0.0) * 0.31830988618);
 }
 
 #include "surface.glsl"

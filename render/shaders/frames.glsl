@@ -1,7 +1,7 @@
 // Tangent frames per pixel: the same as render/frames.py. Columns of the matrix are t, b, n in the world frame.
 
 vec3 unit(vec3 v) {
-    return v / max(sqrt(dot(v, v)), 1e-30);
+    return v * inversesqrt(max(dot(v, v), 1e-37));
 }
 
 mat3 tangent_frame(vec3 normal, vec4 tangent) {

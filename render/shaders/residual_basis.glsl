@@ -1,9 +1,10 @@
 // The functions of light and half vector that residuals are sums of (processing.products.ResidualBasis, in its order).
+// Each basis is a program of its own: loops over a number of functions that is known unroll.
 
-const int BASIS_LARGEST = 9;
-uniform int basis;
+#if defined(BASIS_HEMISPHERICAL)
+const int BASIS_SIZE = 9;
 
-int hemispherical(vec3 light, out float functions[BASIS_LARGEST]) {
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
     float cosine = clamp(light.z, 0.0, 1.0);
     float level = sqrt(dot(light.xy, light.xy));
     vec2 cs = level > 0.0 ? light.xy / level : vec2(0.0);
@@ -12,36 +13,31 @@ int hemispherical(vec3 light, out float functions[BASIS_LARGEST]) {
     float about = 0.3989422804;    // sqrt(1 / 2 pi)
     float first = 1.7320508076 * about;
     float second = 3.8729833462 * about;
-    functions[0] = about;
-    functions[1] = first * root * cs.y;
-    functions[2] = first * x;
-    functions[3] = first * root * cs.x;
-    functions[4] = second * root * root * cs.x * cs.y;
-    functions[5] = second * x * root * cs.y;
-    functions[6] = 2.2360679775 * about * (1.5 * x * x - 0.5);
-    functions[7] = second * x * root * cs.x;
-    functions[8] = 0.5 * second * root * root * (cs.x * cs.x - cs.y * cs.y);
-    return 9;
+    return float[](
+        about, first * root * cs.y, first * x, first * root * cs.x,
+        second * root * root * cs.x * cs.y, second * x * root * cs.y, 2.2360679775 * about * (1.5 * x * x - 0.5),
+        second * x * root * cs.x, 0.5 * second * root * root * (cs.x * cs.x - cs.y * cs.y)
+    );
 }
 
-// Fills the first of `functions` and says how many.
-int residual_basis(vec3 light, vec3 half_vector, out float functions[BASIS_LARGEST]) {
-    if (basis == 3) {
-        return hemispherical(light, functions);
-    }
-    if (basis == 2) {
-        functions[0] = 1.0;
-        functions[1] = light.x;
-        functions[2] = light.y;
-        functions[3] = light.x * light.x;
-        functions[4] = light.x * light.y;
-        functions[5] = light.y * light.y;
-        return 6;
-    }
-    functions[0] = half_vector.x;
-    functions[1] = half_vector.y;
-    functions[2] = half_vector.z;
-    functions[3] = light.z;
-    functions[4] = 1.0;
-    return basis == 1 ? 5 : 3;
+#elif defined(BASIS_BIQUADRATIC)
+const int BASIS_SIZE = 6;
+
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
+    return float[](1.0, light.x, light.y, light.x * light.x, light.x * light.y, light.y * light.y);
 }
+
+#elif defined(BASIS_HALF_LIGHT)
+const int BASIS_SIZE = 5;
+
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
+    return float[](half_vector.x, half_vector.y, half_vector.z, light.z, 1.0);
+}
+
+#else
+const int BASIS_SIZE = 3;
+
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
+    return float[](half_vector.x, half_vector.y, half_vector.z);
+}
+#endif

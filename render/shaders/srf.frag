@@ -1,5 +1,6 @@
 // A lobe plus s(P) . basis(L, V) (processing.products.Srf.evaluate; Ma et al. 2004, eq. 6).
 #include "bilinear.glsl"
+#include "frames.glsl"
 #include "lobe.glsl"
 #include "residual_basis.glsl"
 
@@ -10,27 +11,40 @@ uniform vec2 exponents;            // along lobe_axis and across it
 uniform vec2 lobe_axis;            // unit vector in the plane of t and b
 uniform bool wrap;
 
+struct Material {
+    vec3 view;
+    vec3[BASIS_SIZE] residual;
+};
+
+Material material_at(vec2 uv, vec3 view) {
+    Taps taps = bilinear_taps(uv, vec2(textureSize(residual, 0).xy), wrap);
+    Material here;
+    here.view = view;
+    for (int k = 0; k < BASIS_SIZE; ++k) {
+        here.residual[k] = bilinear(residual, k, taps);
+    }
+    return here;
+}
+
 // The exponent in the direction of H: n_u cos^2 + n_v sin^2 of its azimuth from the lobe's axis.
 float exponent_toward(vec2 h) {
+#ifdef ANISOTROPIC
     float along = dot(h, lobe_axis);
     float total = dot(h, h);
     return total > 0.0 ? mix(exponents.y, exponents.x, along * along / total) : exponents.x;
+#else
+    return exponents.x;
+#endif
 }
 
-vec3 outgoing(vec2 uv, vec3 light, vec3 view) {
-    if (light.z <= 0.0) {
-        return vec3(0.0);
-    }
-    vec3 half_vector = light + view;
-    half_vector /= max(sqrt(dot(half_vector, half_vector)), 1e-30);
+vec3 outgoing(Material here, vec3 light) {
+    vec3 half_vector = unit(light + here.view);
     vec3 total = diffuse * light.z + specular * lobe(half_vector, exponent_toward(half_vector.xy));
-    Taps taps = bilinear_taps(uv, textureSize(residual, 0).xy, wrap);
-    float functions[BASIS_LARGEST];
-    int count = residual_basis(light, half_vector, functions);
-    for (int k = 0; k < count; ++k) {
-        total += functions[k] * bilinear(residual, k, taps);
+    float[BASIS_SIZE] functions = residual_basis(light, half_vector);
+    for (int k = 0; k < BASIS_SIZE; ++k) {
+        total += functions[k] * here.residual[k];
     }
-    return total;
+    return light.z > 0.0 ? total : vec3(0.0);
 }
 
 #include "surface.glsl"

@@ -1,4 +1,5 @@
-// Lights, frames and outputs that all materials share. A material's file defines `outgoing`, then includes this.
+// Lights, frames and outputs that all materials share. A material's file defines `Material`, with what
+// all lights of a pixel share, `material_at` and `outgoing`, then includes this.
 #include "frames.glsl"
 
 in vec3 surface_point;
@@ -25,7 +26,7 @@ layout(location = 0) out vec4 radiance;
 // Row vector times matrix: the components of a world direction along t, b, n.
 vec3 local_light(int i, mat3 frame) {
     vec3 local = light_direction[i] * frame;
-    return local == vec3(0.0) ? vec3(0.0, 0.0, 1.0) : unit(local);
+    return local == vec3(0.0) ? vec3(0.0, 0.0, 1.0) : local;
 }
 
 void main() {
@@ -37,17 +38,18 @@ void main() {
     mat3 frame = tangent_frame(surface_normal, surface_tangent);
 #endif
     vec3 view = unit((eye - surface_point) * frame);
+    Material here = material_at(uv, view);
 
 #ifdef G_BUFFER
     vec3 light = local_light(0, frame);
-    radiance = vec4(outgoing(uv, light, view), 1.0);
+    radiance = vec4(outgoing(here, light), 1.0);
     material_uv = vec4(uv, 0.0, 1.0);
     light_local = vec4(light, 1.0);
     view_local = vec4(view, 1.0);
 #else
     vec3 total = vec3(0.0);
     for (int i = 0; i < light_count; ++i) {
-        total += light_irradiance[i] * outgoing(uv, local_light(i, frame), view);
+        total += light_irradiance[i] * outgoing(here, local_light(i, frame));
     }
     radiance = vec4(total, 1.0);
 #endif

@@ -153,7 +153,9 @@ def preview(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Picture (.png), moving light (.webp, .gif), or a folder for all.")
     ],
-    shape: Annotated[str, typer.Option(help="sphere, plane, torus, vase, or a mesh file (OBJ, PLY, GLB).")] = "",
+    shape: Annotated[
+        str, typer.Option(help="sphere, plane, torus, vase, statue, or a mesh file (OBJ, PLY, GLB).")
+    ] = "",
     azimuth_deg: Annotated[float, typer.Option(help="Of the light, from +X toward +Y.")] = 40.0,
     elevation_deg: Annotated[float, typer.Option(help="Of the light, from the horizon.")] = 45.0,
     size: Annotated[int, typer.Option(help="Pixels on a side.", min=16, max=4096)] = 600,

@@ -13,7 +13,7 @@ from render.mesh_file import load_mesh
 from render.picture import exposure_for, save_animation, save_image
 from render.preview import Preview
 from render.scene import Scene, framed, light, orbiting_light
-from render.shapes import captured_sphere, plane, sphere, torus, vase
+from render.shapes import captured_sphere, plane, sphere, statue, torus, vase
 from render.showcase import write_showcase
 from render.srf import repeating
 from service.files import replaced
@@ -50,7 +50,7 @@ def shape_for(material: Material, name: str) -> tuple[Material, Mesh]:
             return material, captured_sphere()
         return material, plane() if name == "" else sphere()
     covering = repeating(material) if isinstance(material, Srf) else material
-    shapes: dict[str, Callable[[], Mesh]] = {"plane": plane, "torus": torus, "vase": vase}
+    shapes: dict[str, Callable[[], Mesh]] = {"plane": plane, "torus": torus, "vase": vase, "statue": statue}
     return covering, shapes[name]() if name in shapes else load_mesh(Path(name))
 
 

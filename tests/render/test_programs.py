@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from processing.products import ResidualBasis
 from render.errors import ShaderError
 from render.programs import SHADERS, compile_program
 
@@ -57,3 +58,10 @@ def test_missing_shader_is_named(gl, folder):
 def test_every_variant_of_every_shader_compiles(gl, shader, defines):
     with gl.context:
         compile_program(gl.context, "surface.vert", shader, frozenset(defines)).release()
+
+
+@pytest.mark.parametrize("basis", ResidualBasis)
+def test_every_basis_compiles_on_the_sphere_of_a_capture(gl, basis):
+    defines = frozenset({f"BASIS_{basis.name}", "ANISOTROPIC", "GRADIENT_MAP"})
+    with gl.context:
+        compile_program(gl.context, "surface.vert", "srf.frag", defines).release()

@@ -6,9 +6,9 @@ import pytest
 from render.arrays import unit
 from render.frames import gradient_frames, vertex_frames
 from render.mesh import Mesh, angle_weighted_normals, mesh_from_uv
-from render.shapes import MAP_FROM_RIG, captured_sphere, plane, sphere, torus, vase
+from render.shapes import MAP_FROM_RIG, captured_sphere, plane, sphere, statue, torus, vase
 
-SHAPES = {"sphere": sphere(), "plane": plane(shape=(4, 5)), "torus": torus(), "vase": vase()}
+SHAPES = {"sphere": sphere(), "plane": plane(shape=(4, 5)), "torus": torus(), "vase": vase(), "statue": statue()}
 
 
 @pytest.fixture(params=SHAPES)
@@ -29,10 +29,13 @@ def test_frames_are_orthonormal_and_right_handed(shape):
 
 
 @pytest.mark.parametrize(
-    ("name", "least_cosine"), [("sphere", 0.97), ("plane", 1 - 1e-9), ("torus", 0.97), ("vase", 0.85)]
+    ("name", "least_cosine"), [("sphere", 0.97), ("plane", 1 - 1e-9), ("torus", 0.97), ("vase", 0.85), ("statue", 0.45)]
 )
 def test_tangent_runs_along_u_and_binormal_against_v(name, least_cosine):
-    """The texture's own derivatives agree with the analytic frame to what a triangle spans: 30 degrees at the lip."""
+    """The texture's own derivatives agree with the analytic frame to what a triangle spans: 30 degrees at the lip.
+
+    Where the statue turns in itself its texture is sheared, by up to 60 degrees.
+    """
     shape = SHAPES[name]
     triangles = interior_triangles(shape)
     p0, p1, p2 = (shape.positions[triangles[:, k]] for k in range(3))
@@ -50,7 +53,7 @@ def test_triangles_face_outward(shape):
     assert (outward > 0).all()
 
 
-@pytest.mark.parametrize("name", ["sphere", "torus", "vase"])
+@pytest.mark.parametrize("name", ["sphere", "torus", "vase", "statue"])
 def test_closed_shapes_have_no_border(name):
     mesh = SHAPES[name]
     _, place = np.unique(mesh.positions.round(9), axis=0, return_inverse=True)
@@ -86,6 +89,16 @@ def test_vase_has_more_than_ten_thousand_triangles_and_stands_on_the_ground():
     mesh = SHAPES["vase"]
     assert len(mesh.triangles) > 10_000
     assert mesh.positions[:, 2].min() == pytest.approx(0.0, abs=0.03)
+
+
+def test_statue_is_as_large_as_a_scan_and_of_no_symmetry():
+    """84 668 triangles, no two of its vertices mirror images of each other beside the axis."""
+    mesh = SHAPES["statue"]
+    assert len(mesh.triangles) == 84_668
+    ring = mesh.positions[np.abs(mesh.positions[:, 2] - 0.5) < 0.1]
+    for mirror in ([-1, 1, 1], [1, -1, 1]):
+        distance = np.linalg.norm(ring[:, None] * mirror - ring, axis=2).min(axis=1)
+        assert np.median(distance) > 0.005
 
 
 def test_plane_lies_like_a_captured_sample():

@@ -91,10 +91,10 @@ def fit_blinn_phong(samples: LobeSamples, exponent_bounds: tuple[float, float] |
     valid = weights > 0
     count = int(valid.any(axis=1).sum())
     if valid.sum(axis=0).min(initial=count) < 3:
-        return _no_fit(FitStatus.TOO_FEW_SAMPLES, count)
+        return no_fit(FitStatus.TOO_FEW_SAMPLES, count)
     scale = _power_of_two(float(np.max(np.abs(samples.value), where=valid, initial=0.0)))
     if not np.isfinite(1 / scale):
-        return _no_fit(FitStatus.DIVERGED, count)
+        return no_fit(FitStatus.DIVERGED, count)
     value = np.where(valid, samples.value, 0.0) / scale
     cos_light = np.where(valid.any(axis=1), samples.cos_light, 0.0)
     cos_half = np.clip(np.where(valid.any(axis=1), samples.cos_half, 0.0), 0.0, 1.0)
@@ -103,7 +103,7 @@ def fit_blinn_phong(samples: LobeSamples, exponent_bounds: tuple[float, float] |
     return _finish(_Problem(value, weights, cos_light, cos_half, exponent), samples, scale, bounds)
 
 
-def _no_fit(status: FitStatus, samples: int) -> PhongFit:
+def no_fit(status: FitStatus, samples: int) -> PhongFit:
     """A fit without a lobe: all of it zero, and why."""
     lobe = BlinnPhong(np.zeros(3), np.zeros(3), SMALLEST_EXPONENT)
     return PhongFit(lobe, np.zeros((7, 7)), np.full(3, np.nan), samples, status)
@@ -264,7 +264,7 @@ def _finish(problem: _Problem, samples: LobeSamples, scale: float, bounds: tuple
     count = int(valid.any(axis=1).sum())
     found = np.concatenate([lobe.diffuse, lobe.specular, [lobe.exponent], mse, covariance.ravel()])
     if not np.isfinite(found).all():
-        return _no_fit(FitStatus.DIVERGED, count)
+        return no_fit(FitStatus.DIVERGED, count)
     resting = not free.all() or not bounds[0] * 1.001 < problem.exponent < bounds[1] * 0.999
     return PhongFit(lobe, covariance, mse, count, FitStatus.AT_BOUND if resting else FitStatus.CONVERGED)
 

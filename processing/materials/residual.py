@@ -1,131 +1,119 @@
-"""Batched minimum-norm least squares in three unknowns: s . H = delta per texel and channel."""
+"""Least squares over the functions of a residual basis, per texel and channel, and what it leaves of a lobe.
 
+All of it rests on one matrix per texel and channel, the pseudo-inverse of the sum of w B B^T over the directions:
+applied to the samples it gives the residual, applied to the columns of a lobe it takes out of them what a residual
+could say as well (variable projection, Golub and Pereyra 1973).
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.products.arrays import Float64
+from processing.materials.measurements import Measurements
+from processing.materials.residual_kernels import arrange, fit, inner_products, invert
+from processing.materials.sample_geometry import SampleGeometry
+from processing.products.arrays import Float32, Float64
 
 # A light at arm's length leaves the plane of the half vectors by about 1 % over a sphere; that is no third
 # measurement, and its solution would carry 30 times the noise of the others.
 RANK_TOLERANCE = 0.03
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-_SWEEPS = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weighting:
+    """Weights 1 / (noise variance + misfit), `misfit` (3,) per channel; without `noise` all valid samples count 1."""
+
+    noise: bool
+    misfit: Float64
+
+
+ALIKE = Weighting(False, np.ones(3))
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualFit:
-    """`vectors` s (..., 3) in the frame of H, with `rank` uint8 and `condition` number of the same leading axes.
+    """`coefficients` (texel, 3, k) of the basis, NaN where there is no sample, and what is left over.
 
-    The condition number is the largest singular value over the smallest that was kept. Where there is no valid
-    sample, s is NaN and the rank 0.
+    `rank`, `condition` (as in `ResidualEquations`) and the number of `samples` are (texel, 3). Sums of squares (3,)
+    over all valid samples alike: `before` and `after` are what the lobe alone, and lobe and residual leave over,
+    `spread` is about the mean of each texel. `peak` is the largest sample.
     """
 
-    vectors: Float64
+    coefficients: Float32
     rank: NDArray[np.uint8]
-    condition: Float64
+    condition: Float32
+    samples: NDArray[np.int64]
+    before: Float64
+    after: Float64
+    spread: Float64
+    peak: float
+
+    @classmethod
+    def joined(cls, parts: "Sequence[ResidualFit]") -> "ResidualFit":
+        """Of the texels of all parts, one after another."""
+        return cls(
+            np.concatenate([part.coefficients for part in parts]),
+            np.concatenate([part.rank for part in parts]),
+            np.concatenate([part.condition for part in parts]),
+            np.concatenate([part.samples for part in parts]),
+            np.sum([part.before for part in parts], axis=0),
+            np.sum([part.after for part in parts], axis=0),
+            np.sum([part.spread for part in parts], axis=0),
+            max(part.peak for part in parts),
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class NormalEquations:
-    """Sums over the directions: `gram` (..., 6) of w H H^T as xx yy zz xy xz yz, and `right` (..., 3) of w delta H."""
+class ResidualEquations:
+    """The normal equations of the residual of every texel and channel, solved for any right side.
 
-    gram: Float64
-    right: Float64
-
-    def solve(self, rank_tolerance: float = RANK_TOLERANCE) -> ResidualFit:
-        """The shortest s of least weighted error; singular values under the tolerance times the largest are zero."""
-        shape = self.right.shape[:-1]
-        gram = np.broadcast_to(self.gram, (*shape, 6)).reshape(-1, 6)
-        vectors, rank, condition = _solve(gram, np.ascontiguousarray(self.right).reshape(-1, 3), rank_tolerance**2)
-        return ResidualFit(vectors.reshape(*shape, 3), rank.reshape(shape), condition.reshape(shape))
-
-
-def fit_residual(
-    delta: Float64, half: Float64, weights: Float64, rank_tolerance: float = RANK_TOLERANCE
-) -> ResidualFit:
-    """Fit s . H = delta over the directions (first axis), per texel and channel.
-
-    `delta` and `weights` are (direction, texel, channel), `half` (direction, texel, 3) or (direction, 3); weight 0
-    leaves a sample out, whatever its delta. Source: Ma et al. 2004, 4.3.
+    `value` and `weights` are (texel, 3, direction), zero where there is no sample, `inverse` (texel, 3, k, k) is the
+    pseudo-inverse of the weighted sums of B B^T: singular values of the weighted samples under the tolerance times the
+    largest count as zero, which gives the shortest coefficients. `rank` and `condition` (largest singular value over
+    the smallest that was kept; infinite without a sample) are (texel, 3).
     """
-    right = np.zeros((*delta.shape[1:], 3))
-    for one_delta, one_half, weight in zip(delta, half, weights, strict=True):
-        moment = weight * np.where(weight > 0, one_delta, 0.0)
-        right += moment[..., None] * np.atleast_2d(one_half)[:, None, :]
-    return NormalEquations(gram_matrices(half, weights), right).solve(rank_tolerance)
 
+    geometry: SampleGeometry
+    value: Float64
+    weights: Float64
+    inverse: Float64
+    rank: NDArray[np.uint8]
+    condition: Float32
 
-def gram_matrices(half: Float64, weights: Float64) -> Float64:
-    """Sums of w H H^T over the directions, (texel, channel, 6); arguments as in `fit_residual`."""
-    gram = np.zeros((*weights.shape[1:], 6))
-    for one_half, weight in zip(half, weights, strict=True):
-        gram += weight[..., None] * outer_products(np.atleast_2d(one_half))[:, None, :]
-    return gram
+    @classmethod
+    def of(
+        cls,
+        measurements: Measurements,
+        geometry: SampleGeometry,
+        weighting: Weighting = ALIKE,
+        rank_tolerance: float = RANK_TOLERANCE,
+    ) -> "ResidualEquations":
+        """The equations of all texels; `geometry` is that of the measurements."""
+        value, weights = arrange(
+            np.asarray(measurements.value, np.float32),
+            np.asarray(measurements.variance, np.float32),
+            geometry.cos_light,
+            float(weighting.noise),
+            np.asarray(weighting.misfit, np.float64),
+        )
+        return cls(geometry, value, weights, *invert(geometry.basis, weights, rank_tolerance**2))
 
+    def products(self, columns: Float64) -> tuple[Float64, Float64]:
+        """Weighted inner products (3, c + 1, c + 1) of c columns and, last, the samples: as they are, and projected.
 
-def left_over(delta: Float64, half: Float64, fit: ResidualFit) -> Float64:
-    """delta - s . H, (direction, texel, channel); `half` as in `fit_residual`."""
-    pattern = "dk,tck->dtc" if half.ndim == 2 else "dtk,tck->dtc"
-    return np.asarray(delta - np.einsum(pattern, half, fit.vectors, optimize=True), np.float64)
+        `columns` are (texel or 1, c, direction). Projected means less their best residual.
+        """
+        raw, projected = inner_products(self.geometry.basis, columns, self.value, self.weights, self.inverse)
+        return raw.sum(axis=0), projected.sum(axis=0)
 
-
-def outer_products(half: Float64) -> Float64:
-    """H H^T of vectors (n, 3) in the order of `NormalEquations.gram`, (n, 6)."""
-    return np.stack([half[:, i] * half[:, j] for i, j in _PAIRS], axis=1)
-
-
-@numba.njit(cache=True)
-def _diagonalise(a: Float64, v: Float64) -> None:
-    """Turn the symmetric a into its eigenvalues and v into their vectors as columns, by cyclic Jacobi rotations."""
-    v[:] = np.eye(3)
-    for _ in range(_SWEEPS):
-        off = abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2])
-        if off <= 1e-15 * (abs(a[0, 0]) + abs(a[1, 1]) + abs(a[2, 2])):
-            return
-        for p, q in ((0, 1), (0, 2), (1, 2)):
-            if a[p, q] == 0.0:
-                continue
-            ratio = (a[q, q] - a[p, p]) / (2 * a[p, q])
-            tangent = 1 / (abs(ratio) + np.sqrt(ratio * ratio + 1))
-            if ratio < 0:
-                tangent = -tangent
-            cosine = 1 / np.sqrt(tangent * tangent + 1)
-            sine = tangent * cosine
-            for k in range(3):
-                a[k, p], a[k, q] = cosine * a[k, p] - sine * a[k, q], sine * a[k, p] + cosine * a[k, q]
-            for k in range(3):
-                a[p, k], a[q, k] = cosine * a[p, k] - sine * a[q, k], sine * a[p, k] + cosine * a[q, k]
-                v[k, p], v[k, q] = cosine * v[k, p] - sine * v[k, q], sine * v[k, p] + cosine * v[k, q]
-
-
-@numba.njit(cache=True)
-def _solve(gram: Float64, right: Float64, tolerance: float) -> tuple[Float64, NDArray[np.uint8], Float64]:
-    """`tolerance` is on eigenvalues: the square of the one on singular values."""
-    count = len(gram)
-    vectors, condition = np.zeros((count, 3)), np.full(count, np.inf)
-    rank = np.zeros(count, np.uint8)
-    a, v = np.empty((3, 3)), np.empty((3, 3))
-    for i in range(count):
-        trace = gram[i, 0] + gram[i, 1] + gram[i, 2]
-        if not trace > 0:
-            vectors[i] = np.nan
-            continue
-        a[0, 0], a[1, 1], a[2, 2] = gram[i, 0] / trace, gram[i, 1] / trace, gram[i, 2] / trace
-        a[0, 1] = a[1, 0] = gram[i, 3] / trace
-        a[0, 2] = a[2, 0] = gram[i, 4] / trace
-        a[1, 2] = a[2, 1] = gram[i, 5] / trace
-        _diagonalise(a, v)
-        largest = max(a[0, 0], a[1, 1], a[2, 2])
-        smallest = largest
-        for k in range(3):
-            if a[k, k] > tolerance * largest:
-                along = (v[0, k] * right[i, 0] + v[1, k] * right[i, 1] + v[2, k] * right[i, 2]) / (a[k, k] * trace)
-                for axis in range(3):
-                    vectors[i, axis] += along * v[axis, k]
-                rank[i] += 1
-                smallest = min(smallest, a[k, k])
-        condition[i] = np.sqrt(largest / smallest)
-    return vectors, rank, condition
+    def fit(self, power: Float64, coefficients: Float64) -> ResidualFit:
+        """The residual over k_d (N.L) + k_s `power`; `coefficients` (2, 3) are k_d and k_s."""
+        lobe = np.stack([np.broadcast_to(power, self.geometry.cos_light.shape), self.geometry.cos_light], axis=1)
+        found, samples, sums = fit(
+            self.geometry.basis, lobe, coefficients[::-1], self.value, self.weights, self.inverse
+        )
+        before, after, spread = sums[:, :3].sum(axis=0)
+        peak = float(sums[:, 3].max(initial=0.0))
+        return ResidualFit(found, self.rank, self.condition, samples, before, after, spread, peak)

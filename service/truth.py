@@ -17,10 +17,11 @@ from processing.products import Btf, FactoredBtf, Mdf, ReflectanceMaps, Srf, sph
 from processing.products.provenance import read_description
 from processing.products.sphere import gradient_grid
 from processing.radiometry.hdr import PixelStatus
+from rig.config import RigConfig
 from rig.sessions import MdfPlan, Session, SrfPlan, Step
 from service.pipeline.btf import btf_layout
 from service.pipeline.calibrations import CALIBRATION, Calibrations
-from service.pipeline.stacks import MergedStack, stacks
+from service.pipeline.stacks import MergedStack, only_lamp, stacks
 from service.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -116,8 +117,10 @@ def srf_errors(session: Session, maps: ReflectanceMaps, srf: Srf, simulation: Si
     """Compare an SRF, its lobe alone, and the measured maps with the true maps of the same lights."""
     assert isinstance(session.plan, SrfPlan)
     size = maps.reflectance_cos.shape[1]
-    angles = [degrees(stack.step.axes_rad["arm"]) for stack in stacks(session.frames())]
-    reply = simulation.request("truth", what="srf", arm_deg=angles, size=size)
+    lights = [_light(session.config, stack.step) for stack in stacks(session.frames())]
+    camera, sample = session.plan.camera, session.plan.sample
+    facing = {"card_elevation_deg": session.config.cameras[camera].elevation_deg}
+    reply = simulation.request("truth", what="srf", lights=lights, camera=camera, size=size, sample=sample, at=facing)
     truth = np.load(reply["path"])
     peak = float(np.nanmax(truth))
     reconstruction = np.stack([_on_sphere(maps, srf, light) for light in range(len(truth))])
@@ -127,6 +130,12 @@ def srf_errors(session: Session, maps: ReflectanceMaps, srf: Srf, simulation: Si
     mse = [float((((model - truth)[valid] / peak) ** 2).mean()) for model in (reconstruction, lobe)]
     measured = Distribution.of((maps.reflectance_cos - truth)[valid] / peak)
     return SrfErrors(mse[0], mse[1], measured, truth, reconstruction, lobe)
+
+
+def _light(config: RigConfig, step: Step) -> tuple[str, float]:
+    """The lamp of a step, and the angle in degrees of the axis that carries it."""
+    name = only_lamp(step)
+    return name, degrees(step.axes_rad[config.lamps.lamp[name].mount])
 
 
 def _on_sphere(maps: ReflectanceMaps, srf: Srf, light: int) -> NDArray[np.float32]:

@@ -1,6 +1,7 @@
 """The matt white card beside a body at the rig's origin."""
 
 from dataclasses import dataclass
+from math import cos, sin
 
 import numpy as np
 
@@ -10,18 +11,24 @@ from simulators.scene import Array, Floats, Mask
 
 @dataclass(frozen=True)
 class Card:
-    """The card in the plane x = 0, facing +x, outside of the sphere's radius."""
+    """The card in the plane through the origin that faces a camera of the layout's elevation, beside the sphere."""
 
     layout: SphereLayout
 
+    @property
+    def axes(self) -> tuple[Array, Array]:
+        """Unit vectors (3,) up the card, as that camera sees it, and out of it toward the camera."""
+        c, s = cos(self.layout.card_elevation_rad), sin(self.layout.card_elevation_rad)
+        return np.array([-s, 0.0, c]), np.array([c, 0.0, s])
+
     def distance(self, origin: Array, directions: Array) -> Array:
         """Distance (n,) to the card, infinity where it is missed, behind, or touched by the origin itself."""
-        card = self.layout
+        card, (up, out) = self.layout, self.axes
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = -origin[..., 0] / directions[..., 0]
-            y = origin[..., 1] + distance * directions[..., 1] - card.card_y_m
-            z = origin[..., 2] + distance * directions[..., 2] - card.card_z_m
-        inside = (np.abs(y) <= card.card_width_m / 2) & (np.abs(z) <= card.card_height_m / 2)
+            distance = -(origin @ out) / (directions @ out)
+            right_m = origin[..., 1] + distance * directions[..., 1] - card.card_y_m
+            up_m = origin @ up + distance * (directions @ up) - card.card_z_m
+        inside = (np.abs(right_m) <= card.card_width_m / 2) & (np.abs(up_m) <= card.card_height_m / 2)
         return np.where(inside & (distance > 1e-6), distance, np.inf)
 
     def on_body(self, points: Array) -> Mask:
@@ -31,4 +38,4 @@ class Card:
 
     def normals(self, count: int) -> Floats:
         """The card's normal, `count` times (n, 3)."""
-        return np.tile(np.array([1, 0, 0], np.float32), (count, 1))
+        return np.tile(self.axes[1].astype(np.float32), (count, 1))

@@ -1,7 +1,7 @@
 """The control port: one JSON object per line, for the simulated rig's clock, for an operator's hands, and for faults.
 
 {"op": "now"}, {"op": "advance", "seconds": x}, {"op": "status"}, {"op": "power", "on": true} (the RCX' button),
-{"op": "mount", "sample"?, "pose"?, "laser_elevation_deg"?}, {"op": "truth", "what", ...},
+{"op": "mount", "sample"?, "pose"?, "laser_elevation_deg"?, "card"?}, {"op": "truth", "what", ...},
 {"op": "fault", "device", "kind", ...}, {"op": "faults"}, {"op": "clear_faults"}.
 A reply has "ok"; where that is false, "error" says why.
 """
@@ -17,7 +17,7 @@ from simulators.faults import FaultError, FaultSchedule
 from simulators.laser_unit import Brick
 from simulators.optics import Optics
 from simulators.pose import Pose
-from simulators.world import Mounted, World
+from simulators.world import FRONT, Mounted, World
 
 
 class ControlError(ValueError):
@@ -60,14 +60,15 @@ class Control:
         return {"time_s": self.clock.now_s()}
 
     def _mount(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        unknown = set(arguments) - {"sample", "pose", "laser_elevation_deg"}
-        if unknown:
-            raise ControlError(f"{sorted(unknown)[0]!r} is none of sample, pose, laser_elevation_deg")
+        known = ("sample", "pose", "laser_elevation_deg", "card")
+        if unknown := set(arguments) - set(known):
+            raise ControlError(f"{sorted(unknown)[0]!r} is none of {', '.join(known)}")
         now = self.world.mounted
         mounted = Mounted(
             sample=arguments.get("sample", now.sample),
             board_pose=int(arguments.get("pose", now.board_pose)),
             laser_elevation_deg=float(arguments.get("laser_elevation_deg", now.laser_elevation_deg)),
+            card=str(arguments.get("card", FRONT)),  # with whatever else is mounted, it goes back to its place
         )
         self.world.mount(mounted)
         return {}
@@ -114,6 +115,7 @@ def _posed(pose: Pose, at: Mapping[str, Any]) -> Pose:
         "light_arc_deg": "light_arc_rad",
         "arm_deg": "arm_rad",
         "laser_elevation_deg": "laser_elevation_rad",
+        "card_elevation_deg": "card_elevation_rad",
     }
     unknown = set(at) - {*fields, "sample", "pose"}
     if unknown:

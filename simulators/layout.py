@@ -7,7 +7,7 @@ by 0.5 deg, 5 mm and 10 % in intensity, and by 2 % between the colours.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import atan2, cos, radians, sin
 
 import numpy as np
@@ -47,9 +47,11 @@ class BoardLayout:
 
 @dataclass(frozen=True, slots=True)
 class SphereLayout:
-    """The SRF sphere at the rig origin, and the matt white card below it, facing +X.
+    """The SRF sphere at the rig origin, and the matt white card beside it.
 
-    The card hangs below the sphere because there no direction of the horizontal LED arm has one shadow the other.
+    The card faces a camera at azimuth 0 and `card_elevation_rad`, which sees `card_y_m` to the right and `card_z_m` up.
+    For the front camera it hangs below the sphere: there no direction of the horizontal LED arm has one shadow the
+    other. For a camera of the arc, whose picture is lower, it stands upright to the right.
     """
 
     radius_m: float = 0.050
@@ -58,6 +60,14 @@ class SphereLayout:
     card_width_m: float = 0.040
     card_height_m: float = 0.011
     card_albedo: float = 0.9
+    card_elevation_rad: float = 0.0
+
+    def facing(self, elevation_rad: float) -> "SphereLayout":
+        """With the card where a camera at this elevation sees it."""
+        if elevation_rad == 0.0:
+            return self
+        moved = replace(self, card_y_m=0.064, card_z_m=0.0, card_elevation_rad=elevation_rad)
+        return replace(moved, card_width_m=self.card_height_m, card_height_m=self.card_width_m)
 
 
 @dataclass(frozen=True, slots=True)

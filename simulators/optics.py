@@ -238,7 +238,7 @@ class Optics:
 
     def _view_key(self, camera: str, pose: Pose) -> tuple[object, ...]:
         place = tuple(np.round(self._studio.rig_from_scene(pose), 9).ravel().tolist())
-        return camera, pose.sample, place
+        return camera, pose.sample, pose.card_elevation_rad, place
 
     def _response(self, camera: str) -> Floats:
         """Share of the light (h, w) that each pixel counts: the lens's vignetting times the pixel's own response."""

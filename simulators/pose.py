@@ -9,7 +9,8 @@ class Pose:
 
     `lamps` holds (name, level in (0, 1]) of the lit lamps, sorted by name. `laser_sweep` holds the depression angle of
     the laser's fan plane below the horizontal at the start and the end of the exposure, None when it does not shine.
-    `board_pose` counts for the ChArUco board only: 0 lies flat on the reference plane, others are tilted.
+    `board_pose` counts for the ChArUco board only: 0 lies flat on the reference plane, others are tilted. The white
+    card beside a sphere faces a camera at azimuth 0 and `card_elevation_rad`.
     """
 
     sample: str
@@ -21,3 +22,4 @@ class Pose:
     laser_elevation_rad: float
     laser_on: bool
     laser_sweep: tuple[float, float] | None
+    card_elevation_rad: float = 0.0

@@ -1,7 +1,7 @@
 """The scenes in the rig: what a ray from anywhere in the rig hits, and which light falls on it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,7 +75,7 @@ class Studio:
         self.seed = seed
         self.layout: Layout = build_layout(seed, size)
         self._sensors: dict[str, Unit] = {}
-        self._scenes: dict[str, Scene] = {}
+        self._scenes: dict[tuple[str, float], Scene] = {}
 
     def sensor(self, camera: str) -> Unit:
         """The camera's own sensor; it belongs to the seed and the serial number."""
@@ -85,13 +85,15 @@ class Studio:
             self._sensors[camera] = build_unit(Sensor(), (device.height_px, device.width_px), key)
         return self._sensors[camera]
 
-    def scene(self, sample: str) -> Scene:
-        """The scene of a sample. Raises ValueError where there is none of this name."""
+    def scene(self, sample: str, card_elevation_rad: float = 0.0) -> Scene:
+        """The scene of a sample, its card toward this elevation. Raises ValueError where there is none of this name."""
         if sample not in SCENES:
             raise ValueError(f"no sample {sample!r}: one of {', '.join(SCENES)}")
-        if sample not in self._scenes:
-            self._scenes[sample] = SCENES[sample](self.layout)
-        return self._scenes[sample]
+        key = (sample, card_elevation_rad)
+        if key not in self._scenes:
+            facing = replace(self.layout, sphere=self.layout.sphere.facing(card_elevation_rad))
+            self._scenes[key] = SCENES[sample](facing)
+        return self._scenes[key]
 
     def rig_from_scene(self, pose: Pose) -> Array:
         """Rigid transform (4, 4): all but spheres and figure stand on the turntable, the board tilted by hand."""
@@ -118,11 +120,14 @@ class Studio:
     def trace(self, pose: Pose, origin_m: Array, directions: Array) -> Hits:
         """First hits, in the scene's frame, of rays (n, 3) of the rig frame from one origin (3,)."""
         turned = directions @ self.rig_from_scene(pose)[:3, :3]
-        return self.scene(pose.sample).trace(self.to_scene(pose, origin_m), turned)
+        return self._at(pose).trace(self.to_scene(pose, origin_m), turned)
 
     def lit(self, pose: Pose, hits: Hits, source_m: Array) -> Mask:
         """Which hits (n,) see the source (3,), rig frame."""
-        return self.scene(pose.sample).lit(hits, self.to_scene(pose, source_m))
+        return self._at(pose).lit(hits, self.to_scene(pose, source_m))
+
+    def _at(self, pose: Pose) -> Scene:
+        return self.scene(pose.sample, pose.card_elevation_rad)
 
     def lamp(self, pose: Pose, name: str, level: float = 1.0) -> Lamp:
         """A lamp where it stands in this pose."""

@@ -4,7 +4,7 @@ import hashlib
 import inspect
 import json
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from math import degrees, radians
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from simulators.scene_sphere import SphereScene
 from simulators.sphere_truth import maps_of
 from simulators.studio import Lamp, Studio
 
-Argument = str | int | list[float]  # of a kind of truth, as the control port hands it on
+Argument = str | int | list[tuple[str, float]]  # of a kind of truth, as the control port hands it on
 
 
 class Truth:
@@ -182,25 +182,24 @@ class Truth:
     def srf(
         self,
         pose: Pose,
+        lights: list[tuple[str, float]],
         camera: str = "front",
-        lamp: str = "led",
-        arm_deg: list[float] | None = None,
         size: int = 256,
         sample: str = "sphere",
     ) -> dict[str, Any]:
-        """True reflectance maps R(p, q) (light, q, p, 3) of a sphere, one per arm angle; see `sphere_truth.maps_of`.
+        """True reflectance maps R(p, q) (light, q, p, 3) of a sphere; see `sphere_truth.maps_of`.
 
-        "centre_px" and "radius_px" are the circle through the sphere's limb in the image.
+        `lights` are lamps, each with the angle in degrees of the axis that carries it. The maps' axes are the camera's,
+        turned toward the sphere. "centre_px" and "radius_px" are the circle through the sphere's limb in the image.
         """
-        device, scene = self._camera(camera), self._studio.scene(sample)
+        device, scene = self._camera(camera), self._studio.scene(sample, pose.card_elevation_rad)
         if not isinstance(scene, SphereScene):
             raise ValueError(f"truth 'srf': {sample!r} is no sphere")
-        angles = [degrees(pose.arm_rad)] if arm_deg is None else arm_deg
-        lights = [self._studio.lamp(replace(pose, arm_rad=radians(angle)), lamp).position_m for angle in angles]
-        rig_from_camera = device.rig_from_camera
-        maps = maps_of(scene, lights, rig_from_camera[:3, 3], rig_from_camera[:3, :3], size)
+        places = [self._studio.layout.lamp_position(name, radians(angle), radians(angle)) for name, angle in lights]
+        axes = _turned_to_origin(device.rig_from_camera)
+        maps = maps_of(scene, places, device.rig_from_camera[:3, 3], axes, size)
         centre_px, radius_px = limb_circle(device, scene.layout.radius_m)
-        path = self._save("srf", None, (camera, lamp, tuple(angles), size, sample), maps)
+        path = self._save("srf", None, (camera, repr(lights), size, sample, pose.card_elevation_rad), maps)
         return {"path": path, "centre_px": centre_px.tolist(), "radius_px": radius_px}
 
     def normals(self, pose: Pose, camera: str) -> dict[str, Any]:
@@ -208,7 +207,7 @@ class Truth:
 
         In the camera's axes, but y up the picture and z toward the camera. They hold the material's bumps.
         """
-        device, scene = self._camera(camera), self._studio.scene(pose.sample)
+        device, scene = self._camera(camera), self._studio.scene(pose.sample, pose.card_elevation_rad)
         if not isinstance(scene, SphereScene | FigureScene):
             raise ValueError(f"truth 'normals': {pose.sample!r} is neither sphere nor figure")
         hits = scene.trace(device.rig_from_camera[:3, 3], rays(device, sample_points(device, 1)))
@@ -283,6 +282,14 @@ class Truth:
         folder = self._folder / what
         folder.mkdir(parents=True, exist_ok=True)
         return folder / f"{digest}.{suffix}"
+
+
+def _turned_to_origin(rig_from_camera: Array) -> Array:
+    """Axes (3, 3) of the camera, turned as little as makes it look at the origin."""
+    forward = -rig_from_camera[:3, 3] / np.linalg.norm(rig_from_camera[:3, 3])
+    right = rig_from_camera[:3, 0] - (rig_from_camera[:3, 0] @ forward) * forward
+    right = right / np.linalg.norm(right)
+    return np.column_stack([right, np.cross(forward, right), forward])
 
 
 def limb_circle(camera: CameraLayout, radius_m: float) -> tuple[Array, float]:

@@ -15,6 +15,7 @@ from simulators.stage import Stage
 from simulators.studio import CAP, LIGHTBOX, SCENES
 
 SAMPLES = (*SCENES, CAP, LIGHTBOX)
+FRONT = "front"
 STOPS = (-0.05, 1.15)  # of the laser's gear train, in sweeps
 
 
@@ -29,6 +30,7 @@ class Mounted:
     sample: str = "none"
     board_pose: int = 0
     laser_elevation_deg: float = 35.0
+    card: str = FRONT  # the camera that the white card beside a sphere faces
 
 
 @dataclass
@@ -77,6 +79,8 @@ class World:
             raise MountError(f"no sample {mounted.sample!r}: one of {', '.join(SAMPLES)}")
         if mounted.board_pose < 0:
             raise MountError(f"no board pose {mounted.board_pose}: they count from 0")
+        if mounted.card not in self.layout.cameras:
+            raise MountError(f"no camera {mounted.card!r} to face: one of {', '.join(self.layout.cameras)}")
         allowed = self.layout.laser.elevations_deg
         if mounted.laser_elevation_deg not in allowed:
             raise MountError(f"no laser mounting at {mounted.laser_elevation_deg} deg: one of {allowed}")
@@ -95,6 +99,7 @@ class World:
             laser_elevation_rad=radians(self.mounted.laser_elevation_deg),
             laser_on=self.laser.on,
             laser_sweep=None,
+            card_elevation_rad=self.layout.cameras[self.mounted.card].elevation_rad,
         )
 
     def fan_rad(self) -> float:
@@ -116,7 +121,8 @@ class World:
         """Exact positions and what is mounted: with the light it says which frame this is."""
         steps = tuple(stage.steps() for stage in self.stages.values())
         mounting_mdeg = round(1000 * self.mounted.laser_elevation_deg)
-        return (*steps, self.mounted.sample, self.mounted.board_pose, mounting_mdeg)
+        card = () if self.mounted.card == FRONT else (self.mounted.card,)
+        return (*steps, self.mounted.sample, self.mounted.board_pose, mounting_mdeg, *card)
 
     def frame_key(self, serial: str, exposure_ticks: int, burst_index: int) -> Key:
         """What a frame's noise belongs to; ends in the number of earlier exposures of which all this is equal."""
@@ -141,4 +147,5 @@ class World:
             "sample": self.mounted.sample,
             "pose": self.mounted.board_pose,
             "laser_elevation_deg": self.mounted.laser_elevation_deg,
+            "card": self.mounted.card,
         }

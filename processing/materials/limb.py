@@ -30,14 +30,14 @@ _LEAST_SHARE = 0.05  # and over the median brightness of the limb
 class SphereImage:
     """The circle that bounds a sphere in an image.
 
-    `centre_px` (column, row) and `radius_px`; `covariance_px2` (3, 3) orders column, row, radius. `rays` is the number
-    of limb points that hold it.
+    `centre_px` (column, row) and `radius_px`; `covariance_px2` (3, 3) orders column, row, radius. `limb_px` (n, 2) are
+    the points of the limb that hold it.
     """
 
     centre_px: Float64
     radius_px: float
     covariance_px2: Float64
-    rays: int
+    limb_px: Float64
 
     @property
     def sigma_px(self) -> Float64:
@@ -168,7 +168,8 @@ def _fit_circle(circle: Float64, angle: Float64, radius: Float64) -> SphereImage
     held = np.flatnonzero(keep)
     inverse = np.linalg.inv((design * keep[:, None]).T @ design)
     noise = float(keep @ left**2) / max(len(held) - 3, 1) * _correlation_length(left[held])
-    return SphereImage(circle[:2] + step[:2], float(step[2]), inverse * noise, len(held))
+    limb_px = circle[:2] + (radius[:, None] * design[:, :2])[held]
+    return SphereImage(circle[:2] + step[:2], float(step[2]), inverse * noise, limb_px)
 
 
 def _correlation_length(left: Float64) -> float:

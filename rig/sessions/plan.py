@@ -16,9 +16,11 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    SerializerFunctionWrapHandler,
     Tag,
     TypeAdapter,
     ValidationError,
+    model_serializer,
     model_validator,
 )
 
@@ -66,6 +68,7 @@ Exposures = Annotated[tuple[Exposure, ...], Field(min_length=1, max_length=50), 
 Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=512), AfterValidator(_distinct)]
 Lists = Annotated[tuple[Angles, ...], Field(min_length=1, max_length=100)]
 AnglesOrLists = Annotated[Annotated[Angles, Tag(FORMS[0])] | Annotated[Lists, Tag(FORMS[1])], Discriminator(_form)]
+OptionalNames = Annotated[tuple[Name, ...], Field(max_length=512), AfterValidator(_distinct)]
 Texels = Annotated[int, Field(strict=True, ge=4, le=4096)]
 
 
@@ -74,7 +77,11 @@ class _Model(BaseModel):
 
 
 class Card(_Model):
-    """The matt white card beside the sphere; its centre in the rig frame, facing the camera."""
+    """The matt white card beside the sample, in the plane through the rig's origin that faces the camera.
+
+    `y_mm` and `z_mm` of its centre are to the right and up as that camera sees them: for one at elevation 0 they are
+    the rig's.
+    """
 
     y_mm: Millimetres
     z_mm: Millimetres
@@ -84,16 +91,41 @@ class Card(_Model):
 
 
 class SrfPlan(_Model):
-    """A sphere under a lamp that goes round it on the arm, seen by one camera."""
+    """A body under lamps that go round it on the arm and the light arc, seen by one camera.
+
+    A sphere where its radius is told; without it the sample is of any shape. One `lamp`, or several `lamps`, each at
+    every angle of the axis that carries it.
+    """
 
     kind: Literal["srf"]
     sample: Name = "sphere"
-    arm_deg: Angles
+    arm_deg: OptionalAngles = ()
+    light_arc_deg: OptionalAngles = ()
     exposures_s: Exposures
     camera: Name = "front"
     lamp: Name = "led"
-    sphere_radius_mm: Length
+    lamps: OptionalNames = ()
+    sphere_radius_mm: Length | None = None
     card: Card
+
+    def lamp_names(self) -> tuple[str, ...]:
+        """Every lamp of the plan."""
+        return self.lamps or (self.lamp,)
+
+    @model_validator(mode="after")
+    def _has_lights(self) -> "SrfPlan":
+        if not self.light_arc_deg and not self.arm_deg:
+            raise ValueError("neither arm_deg nor light_arc_deg is there: name angles of the axis that carries a lamp")
+        if self.lamps and "lamp" in self.model_fields_set:
+            raise ValueError("both lamp and lamps are there: name one lamp, or several")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not_used(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Plans from before there were several lamps keep their hash: what they do not name is left out."""
+        data: dict[str, Any] = dump(self)
+        unused = {name for name in ("arm_deg", "light_arc_deg", "lamps", "sphere_radius_mm") if not data[name]}
+        return {name: value for name, value in data.items() if name not in unused | ({"lamp"} if self.lamps else set())}
 
 
 class BtfPlan(_Model):

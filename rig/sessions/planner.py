@@ -115,16 +115,36 @@ class _Layout:
 
 
 def _srf(plan: SrfPlan, layout: _Layout) -> Iterator[Step]:
+    """Pose by pose, in each under every lamp that is carried there."""
     cameras = layout.cameras([plan.camera], flat_sample=False)
-    if layout.lamp(plan.lamp).mount != "arm":
-        raise PlanError(f"field lamp: {plan.lamp} sits on the light arc; a plan of kind srf turns the arm.")
-    for arm_deg in sorted(plan.arm_deg):
-        if abs(arm_deg) < FRONT_BLOCKED_DEG and layout.config.cameras[plan.camera].mount == "front":
-            layout.skip(f"arm {arm_deg:g} deg", f"the arm would stand before camera {plan.camera}")
-            continue
-        axes_deg = layout.axes_deg({"arm": arm_deg})
-        pose = _Pose({"sample": plan.sample}, axes_deg, ("arm",), cameras)
-        yield from pose.photographs(plan.lamp, plan.exposures_s)
+    at_front = layout.config.cameras[plan.camera].mount == "front"
+    mount = {"sample": plan.sample} | ({} if at_front else {"card": plan.camera})
+    for carrier, angles_deg in (("arm", plan.arm_deg), ("light_arc", plan.light_arc_deg)):
+        lamps = _carried(plan, carrier, layout, wanted=bool(angles_deg))
+        for angle_deg in sorted(angles_deg):
+            if carrier == "arm" and at_front and abs(angle_deg) < FRONT_BLOCKED_DEG:
+                layout.skip(f"arm {angle_deg:g} deg", f"the arm would stand before camera {plan.camera}")
+                continue
+            aside_deg = _arm_aside(angle_deg, layout) if at_front and carrier == "light_arc" else {}
+            pose = _Pose(mount, layout.axes_deg({carrier: angle_deg, **aside_deg}), (carrier,), cameras)
+            for lamp in lamps:
+                yield from pose.photographs(lamp, plan.exposures_s)
+
+
+def _carried(plan: SrfPlan, carrier: str, layout: _Layout, *, wanted: bool) -> list[str]:
+    """The plan's lamps on this axis. Raises PlanError for lamps without angles of it, and for angles without lamps."""
+    lamps = [name for name in plan.lamp_names() if layout.lamp(name).mount == carrier]
+    if lamps and not wanted:
+        raise PlanError(f"field {carrier}_deg: {lamps[0]} sits on the {carrier}, and the plan names no angles of it.")
+    if wanted and not lamps:
+        raise PlanError(f"field {carrier}_deg: none of {', '.join(plan.lamp_names())} sits on the {carrier}.")
+    return lamps
+
+
+def _arm_aside(light_deg: float, layout: _Layout) -> dict[str, float]:
+    """Where the arm, if there is one, neither blocks the front camera's view nor stands in the light arc's light."""
+    arm = layout.config.axes.get("arm")
+    return {} if arm is None else {"arm": arm.min_deg if light_deg > 0 else arm.max_deg}
 
 
 def _btf(plan: BtfPlan, layout: _Layout) -> Iterator[Step]:

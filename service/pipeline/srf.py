@@ -1,4 +1,4 @@
-"""Reflectance maps and the SRF of a sphere from an `srf` session."""
+"""Reflectance maps and the SRF of a sphere from an `srf` session; `shape` has bodies that are no sphere."""
 
 from math import radians
 from pathlib import Path
@@ -8,14 +8,20 @@ from numpy.typing import NDArray
 
 from processing.materials.limb import SphereImage, find_sphere
 from processing.materials.measurements import sphere_measurements
-from processing.materials.reflectance_map import SpherePhotographs, WhiteCard, card_irradiance, reflectance_maps
+from processing.materials.photographs import BodyPhotographs
+from processing.materials.reflectance_map import reflectance_maps
+from processing.materials.sight import CircleSight, Sight, sight_of_sphere
 from processing.materials.srf import SrfFit, fit_phong, fit_srf
+from processing.materials.white_card import card_irradiance
 from processing.products import ReflectanceMaps
 from processing.radiometry.mosaic import demosaic
+from rig.config import CameraConfig
 from rig.sessions import Session, SrfPlan
 from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
-from service.pipeline.stacks import MergedStack, Stack, lamp_distance_m, light_direction, merge, stacks
+from service.pipeline.lit_body import LitBody, read_body, white_card
+from service.pipeline.shape import make_shape
+from service.pipeline.stacks import MergedStack
 
 MAP_SIZE = 256
 # The rig frame seen by a camera at azimuth 0 that looks along -X: x right, y down, z away from it.
@@ -23,7 +29,10 @@ MAP_FROM_RIG = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
 
 
 def make_srf(session: Session, calibrations: Calibrations, progress: Progress) -> list[Path]:
-    """Reflectance maps, and the SRF fitted to them: one joint lobe, the shortest residual per texel."""
+    """Reflectance maps of a sphere, and the SRF fitted to them; of another shape what `make_shape` makes."""
+    assert isinstance(session.plan, SrfPlan)
+    if session.plan.sphere_radius_mm is None:
+        return make_shape(session, calibrations, progress)
     folders = [session.products / "reflectance_maps", session.products / "srf"]
     inputs = fingerprint(session.frames(), {"size": MAP_SIZE, "calibrations": calibrations.digest()})
     if all(is_current(folder, inputs) for folder in folders):
@@ -39,14 +48,11 @@ def measure_maps(
 ) -> tuple[ReflectanceMaps, SphereImage]:
     """Reflectance maps of all lights, and where the sphere was found."""
     assert isinstance(session.plan, SrfPlan)
-    gathered = stacks(session.frames())
-    merged = [merge(stack, calibrations) for stack in progress.track(gathered, "merging exposures")]
-    photographs = _photographs(session, calibrations, gathered, merged)
-    sphere = find_sphere(np.stack([_luminance(one) for one in merged]))
-    card = session.plan.card
-    white = WhiteCard(card.y_mm / 1e3, card.z_mm / 1e3, card.width_mm / 1e3, card.height_mm / 1e3, card.reflectance)
-    irradiance = card_irradiance(photographs, sphere, white)
-    return reflectance_maps(photographs, sphere, irradiance, MAP_SIZE, provenance(session, inputs)), sphere
+    body = read_body(session, calibrations, progress)
+    sphere = find_sphere(np.stack([_luminance(one) for one in body.merged]))
+    photographs, sight = _seen(session, calibrations, body, sphere)
+    irradiance = card_irradiance(photographs, sight, white_card(session.plan))
+    return reflectance_maps(photographs, sight, irradiance, MAP_SIZE, provenance(session, inputs)), sphere
 
 
 def fit_material(maps: ReflectanceMaps) -> SrfFit:
@@ -54,26 +60,24 @@ def fit_material(maps: ReflectanceMaps) -> SrfFit:
     return fit_srf(maps, fit_phong(sphere_measurements(maps)).phong)
 
 
-def _photographs(
-    session: Session, calibrations: Calibrations, gathered: list[Stack], merged: list[MergedStack]
-) -> SpherePhotographs:
+def _seen(
+    session: Session, calibrations: Calibrations, body: LitBody, sphere: SphereImage
+) -> tuple[BodyPhotographs, Sight]:
+    """By the calibrated camera with its distortion, else by the circle and where rig.toml has the camera."""
     assert isinstance(session.plan, SrfPlan)
-    directions = np.stack([light_direction(session.config, stack.step, calibrations) for stack in gathered])
-    camera = session.config.cameras[session.plan.camera]
-    return SpherePhotographs(
-        np.stack([one.radiance.value for one in merged]),
-        np.stack([one.radiance.variance for one in merged]),
-        merged[0].cfa,
-        directions @ _map_from_rig(camera.elevation_deg).T,
-        np.array([lamp_distance_m(session.config, stack.step, calibrations) for stack in gathered]),
-        camera.distance_mm / 1e3,
-        session.plan.sphere_radius_mm / 1e3,
-    )
+    assert session.plan.sphere_radius_mm is not None
+    radius_m, name = session.plan.sphere_radius_mm / 1e3, session.plan.camera
+    if name in calibrations.cameras:
+        sight = sight_of_sphere(calibrations.cameras[name], sphere, radius_m)
+        return body.photographs(sight.centre_m, sight.rig_from_view, radius_m), sight
+    camera = session.config.cameras[name]
+    photographs = body.photographs(np.zeros(3), _map_from_rig(camera).T, radius_m)
+    return photographs, CircleSight(sphere, camera.distance_mm / 1e3 / radius_m)
 
 
-def _map_from_rig(elevation_deg: float) -> NDArray[np.float64]:
-    """Rig directions in the frame of a camera at azimuth 0 and this elevation."""
-    c, s = np.cos(radians(elevation_deg)), np.sin(radians(elevation_deg))
+def _map_from_rig(camera: CameraConfig) -> NDArray[np.float64]:
+    """Rig directions in the frame of a camera at azimuth 0 and its elevation."""
+    c, s = np.cos(radians(camera.elevation_deg)), np.sin(radians(camera.elevation_deg))
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
     return np.asarray(tilt @ MAP_FROM_RIG, np.float64)
 

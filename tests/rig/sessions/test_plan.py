@@ -45,6 +45,16 @@ def test_the_hash_does_not_depend_on_the_order_of_fields(order):
     assert plan_sha256(plan) == plan_sha256(parse_plan(PLANS["btf"]))
 
 
+def test_a_plan_from_before_there_were_several_lamps_keeps_its_hash():
+    """What its sessions state: that of the fields that there were."""
+    fields = ("kind", "sample", "arm_deg", "exposures_s", "camera", "lamp", "sphere_radius_mm", "card")
+    data = plan_data(parse_plan(PLANS["srf"]))
+    assert tuple(data) == fields
+    several = plan_data(parse_plan(changed("srf", lamps=["led", "lamp0"], light_arc_deg=[45])))
+    assert set(several) == {*fields, "lamps", "light_arc_deg"} - {"lamp"}
+    assert plan_data(parse_plan(several)) == several
+
+
 @pytest.mark.parametrize(
     ("kind", "field", "value"),
     [
@@ -107,6 +117,8 @@ BAD = {
     "lists and angles mixed": (changed("mdf", laser_azimuth_deg=[[45], 60]), "field laser_azimuth_deg.1: "),
     "lists in lists": (changed("mdf", laser_azimuth_deg=[[45], [[60]]]), "field laser_azimuth_deg.1.0: "),
     "azimuth twice in a list": (changed("mdf", laser_azimuth_deg=[[45], [30, 390]]), "field laser_azimuth_deg.1: "),
+    "no lights": ({k: v for k, v in PLANS["srf"].items() if k != "arm_deg"}, "neither arm_deg nor light_arc_deg"),
+    "a lamp and several": (changed("srf", lamp="led", lamps=["led"]), "both lamp and lamps"),
     "no card": ({k: v for k, v in PLANS["srf"].items() if k != "card"}, "card"),
     "card of wrong size": (changed("srf", card={**PLANS["srf"]["card"], "width_mm": -1}), "card.width_mm"),
     "card brighter than white": (changed("srf", card={**PLANS["srf"]["card"], "reflectance": 1.2}), "card.reflectance"),

@@ -182,6 +182,27 @@ def test_what_the_geometry_cannot_use_is_skipped_with_its_reason():
     assert {round(degrees(step.axes_rad["arm"])) for step in arm.steps} == {-10, 10}
 
 
+DOME = changed("srf", lamps=["lamp0", "led", "lamp1"], light_arc_deg=[45, -45], camera="cam1")
+
+
+def test_a_dome_is_every_lamp_at_every_angle_of_its_axis():
+    steps = steps_of(DOME)
+    lights = {
+        (step.lamps, round(degrees(step.axes_rad["arm" if step.lamps == ("led",) else "light_arc"]))) for step in steps
+    }
+    on_the_arc = {((lamp,), angle) for lamp in ("lamp0", "lamp1") for angle in (45, -45)}
+    assert lights == on_the_arc | {(("led",), angle) for angle in (-20, 0, 30)}
+    assert len(steps) == 2 * len(lights)
+    assert {step.mount["card"] for step in steps} == {"cam1"}
+    assert "card" not in steps_of(PLANS["srf"])[0].mount
+
+
+def test_the_arm_stands_aside_where_the_arc_lights_what_the_front_camera_sees():
+    for step in steps_of({**DOME, "camera": "front"}):
+        arm_deg, arc_deg = degrees(step.axes_rad["arm"]), degrees(step.axes_rad["light_arc"])
+        assert step.lamps == ("led",) or arm_deg == (-90 if arc_deg > 0 else 90)
+
+
 def test_a_sweep_is_recorded_from_end_to_end():
     for step in steps_of(PLANS["mdf"]):
         nominal_s = CONFIG.laser.sweep_ticks / CONFIG.laser.ticks_per_s
@@ -212,7 +233,9 @@ def test_a_sensor_is_measured_without_lamps_and_every_repeat_is_a_step():
         (changed("calibrate", light_arc_deg=0), InterlockError, r"nothing was moved"),
         (changed("mdf", laser_azimuth_deg=[[45], [60, 5]]), InterlockError, r"light_arc: 5 deg is forbidden"),
         (changed("mdf", laser_elevations_deg=[40]), PlanError, "35, 50"),
-        (changed("srf", lamp="lamp0"), PlanError, "lamp0"),
+        (changed("srf", lamp="lamp0"), PlanError, "field arm_deg: none of lamp0 sits on the arm"),
+        (changed("srf", lamps=["lamp0", "led"]), PlanError, "field light_arc_deg: lamp0 sits on the light_arc"),
+        (changed("srf", lamps=["led"], camera="cam9"), UnknownDeviceError, "cam9"),
         (changed("calibrate", lamp="led"), PlanError, "led"),
         (changed("btf", lamps=["led"]), PlanError, "no step is left"),
         (changed("mdf", cameras=["front"]), PlanError, "no step is left"),
@@ -288,6 +311,11 @@ def lamps_steps(plan):
     return on_arc * len(plan.white.exposures_s) + (on_arc + len(plan.arm_deg)) * len(plan.mirror.exposures_s)
 
 
+def srf_lights(plan):
+    """Every lamp at every angle of the axis that carries it; the examples use one of the two axes."""
+    return len(plan.lamp_names()) * len(plan.arm_deg or plan.light_arc_deg)
+
+
 def mdf_steps(plan):
     """Every place of the laser at every angle of the turntable, and a test in each mounting where it chooses."""
     tests = len(plan.laser_elevations_deg) if plan.exposure_s is None else 0
@@ -299,7 +327,7 @@ def test_examples_use_only_what_their_comments_count(path):
     """The examples are for the simulated rig; their numbers of steps follow from their lists."""
     plan = load_plan(path)
     counted = {
-        "srf": lambda: len(plan.arm_deg) * len(plan.exposures_s),
+        "srf": lambda: len(plan.exposures_s) * srf_lights(plan),
         "btf": lambda: len(plan.turntable_deg) * len(plan.light_azimuth_deg) * len(plan.lamps) * len(plan.exposures_s),
         "mdf": lambda: mdf_steps(plan),
         "calibrate": lambda: plan.board_poses + len(plan.turntable_deg),

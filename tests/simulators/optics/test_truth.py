@@ -111,7 +111,7 @@ def test_the_btf_predicts_the_picture(optics, pose):
 def test_reflectance_maps_agree_with_the_picture(optics, pose):
     """Each cell's value against the green pixel that its point of the sphere is projected to."""
     size, arm_rad = 65, radians(30)
-    answer = optics.truth("srf", pose(), arm_deg=[30.0, -20.0], size=size)
+    answer = optics.truth("srf", pose(), lights=[("led", 30.0), ("led", -20.0)], size=size)
     maps = _array(answer)
     assert maps.shape == (2, size, size, 3)
     lit = pose(sample="sphere", arm_rad=arm_rad, lamps=(("led", 1.0),))
@@ -133,7 +133,7 @@ def test_reflectance_maps_agree_with_the_picture(optics, pose):
 
 
 def test_the_limb_of_the_truth_is_that_of_a_long_lens(optics, pose):
-    answer = optics.truth("srf", pose(), size=9)
+    answer = optics.truth("srf", pose(), lights=[("led", 30.0)], size=9)
     camera = optics.layout.cameras["front"]
     assert answer["radius_px"] == pytest.approx(camera.matrix[0, 0] * 0.05 / 1.1, rel=5e-3)
 

@@ -16,36 +16,38 @@ from simulators.samples.relief import Relief, ReliefSample
 from simulators.samples.weave import weave_mesh
 from simulators.scene import Floats, Hits, Sample
 
-TILES = 3  # periods along each side of what is traced; the middle one is measured
-# 80.8 deg: down to the sample's depth of 4 mm and up again two such ways go 52 mm, and the tiles end a period further.
+# 80.8 deg: down to the samples' depth of 4 mm a way goes 25 mm aside; around the period that is looked at there is half a
+# period more of the sample.
 LOWEST_COSINE = 0.16
 FAR_M = 1e6  # of lights and views, against which the sample is a point to 1e-7
 
 
 def _bodies(mesh: Callable[[HolderLayout, int], Mesh]) -> Callable[[int], tuple[Sample, float]]:
-    """Builds the tiled bodies and says their period."""
+    """Builds the bodies of one period and half a one around it, and says the period."""
 
     def build(seed: int) -> tuple[Sample, float]:
         holder = HolderLayout()
         period_m = holder.opening_m - 2 * holder.margin_m
-        wide = replace(holder, opening_m=TILES * period_m, margin_m=(TILES - 1) / 2 * period_m)
-        return MeshSample(mesh(wide, seed)), period_m
+        return MeshSample(mesh(replace(holder, opening_m=2 * period_m, margin_m=period_m / 2), seed)), period_m
 
     return build
 
 
-def _tiled_brick(seed: int) -> tuple[Sample, float]:
-    side_m = HolderLayout().opening_m
-    brick = brick_relief(side_m, seed)
-    height_m, specular, roughness = (
-        np.tile(field, (TILES, TILES)) for field in (brick.height_m, brick.specular, brick.roughness)
-    )
-    albedo = np.tile(brick.albedo, (TILES, TILES, 1))
-    return ReliefSample(Relief(TILES * side_m, height_m, albedo, specular, roughness)), side_m
+def _brick(seed: int) -> tuple[Sample, float]:
+    """One period of brick and half a one around it, and the period."""
+    period_m = HolderLayout().opening_m
+    brick = brick_relief(period_m, seed)
+    half = len(brick.height_m) // 2
+
+    def around(field: Array) -> Array:
+        return np.pad(field, [(half, half), (half, half)] + [(0, 0)] * (field.ndim - 2), mode="wrap")
+
+    fields = (around(field) for field in (brick.height_m, brick.albedo, brick.specular, brick.roughness))
+    return ReliefSample(Relief(2 * period_m, *fields)), period_m
 
 
 SAMPLES: Mapping[str, Callable[[int], tuple[Sample, float]]] = {
-    "brick": _tiled_brick,
+    "brick": _brick,
     "weave": _bodies(weave_mesh),
     "peanut": _bodies(peanut_mesh),
     "grass": _bodies(grass_mesh),
@@ -64,12 +66,13 @@ def btf(sample: str, seed: int, lights: Array, views: Array, texels: int, rays_p
     if sample not in SAMPLES:
         raise ValueError(f"{sample!r} is not periodic: one of {', '.join(SAMPLES)}")
     if min(lights[:, 2].min(), views[:, 2].min()) < LOWEST_COSINE:
-        raise ValueError(f"a light or view is too low: z is under {LOWEST_COSINE}, and the tiles would end")
+        raise ValueError(f"a light or view is lower than 80 deg from the normal: z is under {LOWEST_COSINE}")
     body, period_m = SAMPLES[sample](seed)
     starts = _places(texels, rays_per_texel, period_m)
     out = np.empty((len(lights), len(views), texels, texels, 3), np.float32)
     for v, view in enumerate(views):
         hits = body.trace(starts, np.broadcast_to(-view * period_m, starts.shape))
+        hits.points[:, :2] -= period_m * np.round(hits.points[:, :2] / period_m)  # there the same is seen
         for n, light in enumerate(lights):
             seen = np.zeros((len(starts), 3), np.float32)
             seen[hits.ray] = _reflected(body, hits, light, view)

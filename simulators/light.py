@@ -134,8 +134,8 @@ def _add_below(
 ) -> None:  # fmt: skip
     """Light that enters through the surface, spreads below it and leaves.
 
-    The cosine of incidence c is replaced by (c + s) / (1 + s)^2, s the spread: on a sphere the light goes past the
-    terminator, and as much leaves in all as without it. Both ways through the surface cost what it reflects.
+    The cosine of incidence c is replaced by (c + s) / (1 + s)^2, s the spread: light goes past the terminator, and over
+    all directions of incidence the sum is the same. Both ways through the surface cost what it reflects.
     """
     points, normals = surface
     albedo, spread, specular = below

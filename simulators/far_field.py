@@ -16,8 +16,8 @@ from simulators.samples.relief import Relief, ReliefSample
 from simulators.samples.weave import weave_mesh
 from simulators.scene import Floats, Hits, Sample
 
-# 80.8 deg: down to the samples' depth of 4 mm a way goes 25 mm aside; around the period that is looked at there is half a
-# period more of the sample.
+# 80.8 deg: on a way down to the samples' depth of 4 mm a ray goes 25 mm aside. Half a period more of the sample lies
+# around the period that is looked at.
 LOWEST_COSINE = 0.16
 FAR_M = 1e6  # of lights and views, against which the sample is a point to 1e-7
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from simulators.layout import rotation
 from simulators.samples.noise import smooth_step
 from simulators.samples.space_noise import fractal, tilted_normals
 from simulators.scene import Array, Floats, Material
@@ -33,9 +34,8 @@ def cloth(unit: Array, seed: int) -> tuple[Floats, Material]:
 
 
 def _turn(seed: int) -> Array:
-    """An orthonormal matrix (3, 3) drawn from the seed."""
-    turn: Array = np.linalg.qr(np.random.default_rng([seed, 16]).standard_normal((3, 3)))[0]
-    return turn
+    """A rotation (3, 3) drawn from the seed, so small that cameras on the axes look at the middle of a piece."""
+    return rotation(np.random.default_rng([seed, 16]).uniform(-0.3, 0.3, 3))
 
 
 def _relief(place: Array, side: Array) -> tuple[Array, np.ndarray]:

@@ -141,11 +141,9 @@ def test_surfaces_look_outward_and_belong_to_the_seed(name):
 
 
 def test_threads_of_cloth_cross_over_and_under():
-    """Along one great circle the two kinds of thread take turns, and the relief tilts both ways across each."""
+    """Along the equator the two kinds of thread take turns, and the relief tilts both ways across each."""
     angle = np.linspace(-0.3, 0.3, 3000)
-    turn = np.linalg.qr(np.random.default_rng([5, 16]).standard_normal((3, 3)))[0]
-    circle = np.column_stack([np.cos(angle), np.sin(angle), np.full_like(angle, 0.013)]) @ turn.T
-    circle /= np.linalg.norm(circle, axis=1, keepdims=True)
+    circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     normals, material = SPHERES["sphere-cloth"](circle, 5)
     red = material.albedo[:, 0] > material.albedo[:, 2]
     crossings = np.count_nonzero(np.diff(red.astype(int)))

@@ -1,8 +1,8 @@
 """The picture by OpenGL: one program per material, one framebuffer of linear float32."""
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import moderngl
@@ -15,11 +15,14 @@ from render.materials import Material, upload
 from render.mesh import Mesh
 from render.picture import Picture
 from render.programs import Binding, compile_program, set_uniform
-from render.scene import MAX_LIGHTS, Light, Scene
+from render.scene import Light, Scene
 
 # Meshes and materials that stay on the card, each: a moving light redraws the same few.
 _KEPT = 4
 _VERTEX = "surface.vert"
+# Lights of one pass over the mesh, as in surface.glsl; more are drawn in several whose radiance is added.
+_LIGHTS = 64
+_DARK = (0.0, 0.0, 0.0)
 
 
 class _OnCard(Protocol):
@@ -99,21 +102,25 @@ class GlRenderer:
         """The scene as its camera sees it; pixels that show nothing are 0 in radiance and coverage."""
         with self.context:
             target = self._target(scene.camera.size, 1)
-            self._draw(scene, scene.lights, frozenset(), target)
-            image = _image(target, 0, scene.camera)
-        return Picture(np.ascontiguousarray(image[:, :, :3]), np.ascontiguousarray(image[:, :, 3]))
+            radiance = np.zeros((*scene.camera.size[::-1], 3), np.float32)
+            for part in _passes(scene):
+                self._draw(part, frozenset(), target)
+                image = _image(target, 0, scene.camera)
+                radiance += image[:, :, :3]
+        return Picture(radiance, np.ascontiguousarray(image[:, :, 3]))
 
     def draw_unread(self, scene: Scene) -> None:
         """Draw and wait until it is done, without reading the picture back: what a frame costs on a screen."""
         with self.context:
-            self._draw(scene, scene.lights, frozenset(), self._target(scene.camera.size, 1))
+            for part in _passes(scene):
+                self._draw(part, frozenset(), self._target(scene.camera.size, 1))
             self.context.finish()
 
     def g_buffer(self, scene: Scene, light: Light) -> GBuffer:
         """Shader results for one light of unit irradiance, with the inputs that the shader had."""
         with self.context:
             target = self._target(scene.camera.size, 4)
-            self._draw(scene, (light,), frozenset({"G_BUFFER"}), target)
+            self._draw(replace(scene, lights=(light,)), frozenset({"G_BUFFER"}), target)
             radiance, uv, local, view = (_image(target, k, scene.camera) for k in range(4))
         return GBuffer(radiance[:, :, :3], uv[:, :, :2], local[:, :, :3], view[:, :, :3], radiance[:, :, 3] > 0.5)
 
@@ -129,13 +136,13 @@ class GlRenderer:
             self._programs.clear()
         self.context.release()
 
-    def _draw(self, scene: Scene, lights: tuple[Light, ...], defines: frozenset[str], target: _Target) -> None:
+    def _draw(self, scene: Scene, defines: frozenset[str], target: _Target) -> None:
         binding = self._material(scene.material)
         if scene.mesh.map_from_world is not None:
             defines |= {"GRADIENT_MAP"}
         program = self._program(binding.shader, defines | binding.defines)
         binding.use(program)
-        _set_scene(program, scene, lights)
+        _set_scene(program, scene)
         target.framebuffer.use()
         target.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
         self.context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
@@ -180,13 +187,21 @@ def _keep(kept: OrderedDict[Key, Held], key: Key, make: Callable[[], Held]) -> H
     return kept[key]
 
 
-def _set_scene(program: moderngl.Program, scene: Scene, lights: tuple[Light, ...]) -> None:
+def _passes(scene: Scene) -> Iterator[Scene]:
+    """The scene with no more lights than one pass takes, as often as it needs; its ambient light only once."""
+    for first in range(0, len(scene.lights), _LIGHTS):
+        lights = scene.lights[first : first + _LIGHTS]
+        yield replace(scene, lights=lights, ambient=scene.ambient if first == 0 else _DARK)
+
+
+def _set_scene(program: moderngl.Program, scene: Scene) -> None:
     near, far = depth_range(scene.camera, scene.mesh.positions)
     _set_matrix(program, "clip_from_world", clip_from_world(scene.camera, near, far))
     if scene.mesh.map_from_world is not None:
         _set_matrix(program, "map_from_world", scene.mesh.map_from_world)
     set_uniform(program, "eye", tuple(map(float, scene.camera.eye)))
-    directions, irradiances = np.zeros((2, MAX_LIGHTS + 1, 3), dtype=np.float32)
+    directions, irradiances = np.zeros((2, _LIGHTS + 1, 3), dtype=np.float32)
+    lights = scene.lights
     directions[: len(lights)] = [light.direction for light in lights]
     # Ambient light is one more pass of the shader's loop, whose direction is zero: a branch would cost every pixel.
     irradiances[: len(lights)] = [light.irradiance for light in lights]

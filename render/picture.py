@@ -16,7 +16,7 @@ Srgb8 = NDArray[np.uint8]
 # Above this display value highlights are bent toward white instead of being cut.
 _SHOULDER = 0.75
 # Luminance of linear sRGB primaries (IEC 61966-2-1).
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 # The backdrop in linear display values: dark, a little lighter in the middle, so that both rims stand out.
 _BACKDROP_MIDDLE, _BACKDROP_CORNER = np.array([0.052, 0.055, 0.060]), np.array([0.012, 0.013, 0.015])
 
@@ -55,7 +55,7 @@ def exposure_for(pictures: Sequence[Picture], *, level: float = 0.65, percentile
 
     1 where nothing is lit.
     """
-    lit = np.concatenate([p.radiance[p.coverage > 0.99] @ _LUMINANCE for p in pictures])
+    lit = np.concatenate([p.radiance[p.coverage > 0.99] @ LUMINANCE for p in pictures])
     reference = float(np.percentile(lit, percentile)) if lit.size else 0.0
     return level / reference if reference > 0.0 else 1.0
 

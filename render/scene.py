@@ -11,8 +11,6 @@ from render.errors import SceneError
 from render.materials import Material
 from render.mesh import Mesh
 
-MAX_LIGHTS = 4
-
 
 @dataclass(frozen=True, eq=False)
 class Light:
@@ -40,10 +38,10 @@ def light(azimuth_rad: float, elevation_rad: float, irradiance: float | Sequence
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Mesh, material, camera and 1 to 4 lights.
+    """Mesh, material, camera and at least one light.
 
     `ambient` (3,) is irradiance that reaches every point as if from straight above its surface; zero unless wanted.
-    Raises SceneError for no light or more than four.
+    Raises SceneError for no light.
     """
 
     mesh: Mesh
@@ -53,8 +51,8 @@ class Scene:
     ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.lights) <= MAX_LIGHTS:
-            raise SceneError(f"{len(self.lights)} lights: a scene has 1 to {MAX_LIGHTS}")
+        if not self.lights:
+            raise SceneError("no light: nothing would be seen")
 
 
 def framed(
@@ -96,7 +94,17 @@ def orbiting_light(scene: Scene, frames: int, *, arc_rad: float = 2.0 * np.pi) -
     turn = np.arange(frames) / frames
     angles_rad = arc_rad * turn if arc_rad >= 2.0 * np.pi else -0.5 * arc_rad * np.cos(2.0 * np.pi * turn)
     for angle_rad in angles_rad:
-        cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-        about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        moved = replace(scene.lights[0], direction=unit(about_z @ scene.lights[0].direction))
-        yield replace(scene, lights=(moved, *scene.lights[1:]))
+        yield replace(scene, lights=(_turned(scene.lights[0], angle_rad), *scene.lights[1:]))
+
+
+def turning_lights(scene: Scene, frames: int) -> Iterator[Scene]:
+    """The scene once per frame while all its lights together turn about the world's Z axis, all the way round."""
+    for angle_rad in 2.0 * np.pi * np.arange(frames) / frames:
+        yield replace(scene, lights=tuple(_turned(each, angle_rad) for each in scene.lights))
+
+
+def _turned(each: Light, angle_rad: float) -> Light:
+    """The light turned about the world's Z axis, from +X toward +Y."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return replace(each, direction=unit(about_z @ each.direction))

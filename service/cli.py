@@ -156,15 +156,21 @@ def preview(
     shape: Annotated[
         str, typer.Option(help="sphere, plane, torus, vase, statue, or a mesh file (OBJ, PLY, GLB).")
     ] = "",
-    azimuth_deg: Annotated[float, typer.Option(help="Of the light, from +X toward +Y.")] = 40.0,
+    azimuth_deg: Annotated[
+        float, typer.Option(help="Of the light, or of the environment's middle, from +X toward +Y.")
+    ] = 40.0,
     elevation_deg: Annotated[float, typer.Option(help="Of the light, from the horizon.")] = 45.0,
+    environment: Annotated[
+        Path | None, typer.Option(help="Light from all around instead: a picture twice as wide as high (.exr, .hdr).")
+    ] = None,
     size: Annotated[int, typer.Option(help="Pixels on a side.", min=16, max=4096)] = 600,
 ) -> None:
-    """Draw a material on a shape under a light that stands or moves; or a BTF, MDF or reflectance maps as measured."""
+    """Draw a material on a shape under light that stands or moves; or a BTF, MDF or reflectance maps as measured."""
     from service import viewing
 
     with reported_errors():
-        tell(viewing.draw_product(product, out, shape, (azimuth_deg, elevation_deg), size))
+        lights = viewing.lights_of(azimuth_deg, elevation_deg, environment)
+        tell(viewing.draw_product(product, out, shape, lights, size))
 
 
 @app.command()

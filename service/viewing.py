@@ -7,12 +7,15 @@ from pathlib import Path
 
 from processing.errors import ImageError
 from processing.products import FactoredBtf, Srf
+from render.environment import median_cut
+from render.environment_file import load_environment
+from render.errors import SceneError
 from render.materials import Material
 from render.mesh import Mesh
 from render.mesh_file import load_mesh
 from render.picture import exposure_for, save_animation, save_image
 from render.preview import Preview
-from render.scene import Scene, framed, light, orbiting_light
+from render.scene import Light, Scene, framed, light, turning_lights
 from render.shapes import captured_sphere, plane, sphere, statue, torus, vase
 from render.showcase import write_showcase
 from render.srf import repeating
@@ -21,6 +24,8 @@ from service.pictures import STILL, check_still, draw_btf, draw_displacements, d
 
 ANIMATED = (".webp", ".gif", ".apng")
 FRAMES = 24
+# Pictures under these lie within 3 % (rms, of the mean) of those under all pixels: `rig bench srf`.
+ENVIRONMENT_LIGHTS = 64
 MAPS = {"mdf": draw_displacements, "btf": draw_btf, "reflectance_maps": draw_reflectance_maps, "sensor": draw_sensor}
 
 
@@ -54,13 +59,22 @@ def shape_for(material: Material, name: str) -> tuple[Material, Mesh]:
     return covering, shapes[name]() if name in shapes else load_mesh(Path(name))
 
 
-def draw_product(product: Path, out: Path, shape: str, light_deg: tuple[float, float], size: int) -> str:
+def lights_of(azimuth_deg: float, elevation_deg: float, environment: Path | None) -> tuple[Light, ...]:
+    """One light; or those that stand for an environment whose middle lies at the azimuth. Raises SceneError."""
+    if environment is None:
+        return (light(radians(azimuth_deg), radians(elevation_deg)),)
+    return median_cut(load_environment(environment, azimuth_rad=radians(azimuth_deg)), ENVIRONMENT_LIGHTS)
+
+
+def draw_product(product: Path, out: Path, shape: str, lights: tuple[Light, ...], size: int) -> str:
     """Draw a product into `out` and return what was done.
 
-    Of a material one picture, for .webp and .gif a light that goes round, for a folder its showcase; of a BTF, MDF or
-    reflectance maps what was measured.
+    Of a material one picture, for .webp and .gif lights that go round, for a folder its showcase, which has a light of
+    its own; of a BTF, MDF or reflectance maps what was measured.
     """
     if not out.suffix:
+        if len(lights) > 1:
+            raise SceneError(f"{out}: an environment lights a picture (.png) or a moving light (.webp), not a folder")
         galleries = write_showcase(load_material(product), out, size=(size, size))
         return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
     if (kind := kind_of(product)) in MAPS:
@@ -72,7 +86,7 @@ def draw_product(product: Path, out: Path, shape: str, light_deg: tuple[float, f
     if ending not in ANIMATED + STILL:
         raise ImageError(f"{out}: a picture is .png or .jpg, a moving light .webp or .gif; no suffix means a folder.")
     material, mesh = shape_for(load_material(product), shape)
-    scene = _scene(material, mesh, light_deg, size)
+    scene = _scene(material, mesh, lights, size)
     with Preview((size, size)) as preview, replaced(out) as part:
         if ending in ANIMATED:
             _draw_moving_light(preview, scene, part)
@@ -82,18 +96,18 @@ def draw_product(product: Path, out: Path, shape: str, light_deg: tuple[float, f
         return f"{out} (drawn by {preview.renderer_name})"
 
 
-def _scene(material: Material, mesh: Mesh, light_deg: tuple[float, float], size: int) -> Scene:
-    """The mesh framed, seen from where its captured side or its top shows, under one light."""
+def _scene(material: Material, mesh: Mesh, lights: tuple[Light, ...], size: int) -> Scene:
+    """The mesh framed, seen from where its captured side or its top shows."""
     if mesh.map_from_world is not None:
         azimuth_deg, elevation_deg = 0.0, 0.0  # where the camera of the capture stood
     else:
         azimuth_deg, elevation_deg = -35.0, 38.0
     camera = framed(mesh, (size, size), azimuth_rad=radians(azimuth_deg), elevation_rad=radians(elevation_deg))
-    return Scene(mesh, material, camera, (light(radians(light_deg[0]), radians(light_deg[1])),))
+    return Scene(mesh, material, camera, lights)
 
 
 def _draw_moving_light(preview: Preview, scene: Scene, out: Path) -> None:
-    """Animate the scene while its light goes round the vertical."""
-    pictures = preview.draw_all(orbiting_light(scene, FRAMES))
+    """Animate the scene while its lights go round the vertical."""
+    pictures = preview.draw_all(turning_lights(scene, FRAMES))
     exposure = exposure_for(pictures)
     save_animation(out, [picture.srgb8(exposure) for picture in pictures])

@@ -10,8 +10,8 @@ in vec2 surface_uv;
 uniform vec3 eye;
 uniform mat3 map_from_world;
 uniform int light_count;
-uniform vec3 light_direction[5];    // a zero vector: light from straight above the surface, everywhere
-uniform vec3 light_irradiance[5];
+uniform vec3 light_direction[65];    // a zero vector: light from straight above the surface, everywhere
+uniform vec3 light_irradiance[65];
 
 #ifdef G_BUFFER
 // One light of unit irradiance, and exactly what its radiance was computed from.

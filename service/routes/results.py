@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from service.host import SessionHost
 from service.problems import NotFoundError
 from service.routes.dependencies import Host
-from service.viewing import draw_product
+from service.viewing import draw_product, lights_of
 
 router = APIRouter(prefix="/sessions/{session_id}/products", tags=["results"])
 # One picture at a time: each takes all cores and up to a gigabyte.
@@ -41,10 +41,10 @@ def list_files(session_id: str, host: Host) -> list[str]:
 def draw_picture(session_id: str, name: str, look: Annotated[Look, Query()], host: Host) -> Response:
     """A product as a picture: a material on a shape under one light, or what was measured."""
     product = _file(session_id, f"{name}/product.json", host).parent
-    light_deg = (look.azimuth_deg, look.elevation_deg)
+    lights = lights_of(look.azimuth_deg, look.elevation_deg, None)
     with _drawing, TemporaryDirectory() as folder:
         picture = Path(folder) / "picture.png"
-        draw_product(product, picture, look.shape, light_deg, look.size)
+        draw_product(product, picture, look.shape, lights, look.size)
         return Response(picture.read_bytes(), media_type="image/png")
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from processing.products import BlinnPhong, DirectionMesh, FactoredBtf, Srf
+from render.environment import Environment
 from render.flat import FlatTexture
 
 
@@ -73,3 +74,23 @@ def lambertian(albedo: tuple[float, float, float]) -> FactoredBtf:
     directions = hemisphere()
     value = np.broadcast_to(np.array(albedo) / np.pi, (len(directions), len(directions), 2, 2, 3))
     return factored(value, directions, rank=1)
+
+
+def daylight(height: int = 32, *, azimuth_rad: float = 0.0) -> Environment:
+    """A sky that pales toward the horizon, brown ground, and a sun of 6 deg at azimuth 80 and elevation 40 deg.
+
+    The sun sheds about half of all light.
+    """
+    dark = Environment(np.zeros((height, 2 * height, 3), np.float32), azimuth_rad)
+    up = dark.directions[..., 2:]
+    sun = direction_rad(np.radians(80.0), np.radians(40.0))
+    near = np.exp(-0.5 * (np.arccos(np.clip(dark.directions @ sun, -1, 1)) / np.radians(6.0)) ** 2)[..., None]
+    sky = np.array([0.3, 0.5, 1.0]) + np.array([0.7, 0.5, 0.2]) * (1.0 - np.clip(up, 0, 1)) ** 4
+    radiance = np.where(up > 0, sky, np.array([0.12, 0.09, 0.06])) + 60.0 * near * np.array([1.0, 0.9, 0.7])
+    return Environment(radiance.astype(np.float32), azimuth_rad)
+
+
+def direction_rad(azimuth_rad: float, elevation_rad: float) -> np.ndarray:
+    """Unit vector (3,) at an azimuth from +X toward +Y and an elevation."""
+    level = np.cos(elevation_rad)
+    return np.array([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), np.sin(elevation_rad)])

@@ -14,7 +14,7 @@ from render.opengl import GlRenderer
 from render.preview import Preview
 from render.rasteriser import rasterise
 from render.reference import ReferenceRenderer
-from render.scene import Light, Scene, framed, light, orbiting_light
+from render.scene import Light, Scene, framed, light, orbiting_light, turning_lights
 from render.shapes import captured_sphere, plane, sphere, torus, vase
 from tests.render import synthetic
 
@@ -155,11 +155,29 @@ def test_a_surface_hides_what_lies_behind_it(gl, flat):
     np.testing.assert_array_equal(one.radiance, other.radiance)
 
 
-@pytest.mark.parametrize("count", [0, 5])
-def test_scene_has_one_to_four_lights(srf, count):
+def test_scene_without_light_is_refused(srf):
     camera = look_at((0.0, -3.0, 1.0), (0.0, 0.0, 0.0), SIZE, field_of_view_rad=0.5)
-    with pytest.raises(SceneError, match=f"{count} lights"):
-        Scene(plane(), srf, camera, (KEY,) * count)
+    with pytest.raises(SceneError, match="no light"):
+        Scene(plane(), srf, camera, ())
+
+
+def test_more_lights_than_one_pass_takes_are_the_sum_of_all(gl, srf):
+    """150 lights are three passes of the shader; ambient light counts once."""
+    rng = np.random.default_rng(2)
+    lights = [light(a, e, i) for a, e, i in rng.uniform((0, -0.5, 0), (6.3, 1.5, 0.02), (150, 3))]
+    scene = replace(scene_of(torus(shape=(24, 48)), srf, *lights), ambient=(0.3, 0.2, 0.1))
+    drawn = gl.draw(scene).radiance.astype(np.float64)
+    dark = light(0.0, -0.5 * np.pi, 0.0)
+    apart = sum(gl.draw(replace(scene, lights=(each,), ambient=(0.0, 0.0, 0.0))).radiance for each in lights)
+    apart = apart + gl.draw(replace(scene, lights=(dark,))).radiance
+    np.testing.assert_allclose(drawn, apart, atol=1e-5 * np.abs(apart).max(), rtol=1e-5)
+
+
+def test_lights_turn_together(srf):
+    turned = list(turning_lights(scene_of(plane(), srf, KEY, FILL), 4))
+    np.testing.assert_allclose(turned[0].lights[1].direction, FILL.direction)
+    quarter = np.array([-FILL.direction[1], FILL.direction[0], FILL.direction[2]])
+    np.testing.assert_allclose(turned[1].lights[1].direction, quarter, atol=1e-12)
 
 
 def test_orbit_closes_without_a_doubled_frame(srf):

@@ -1,7 +1,8 @@
 """What a frame of an SRF costs over one of a flat texture on the same mesh, and how far the shaders are from NumPy.
 
 Frames of 600 x 600 under one light, drawn in turns by the same renderer, so that whatever else the machine does falls
-on all of them. `frame_over_flat` is for the residual s . H on the worse of two meshes; rows have the other bases.
+on all of them. `frame_over_flat` is for the residual s . H on the worse of two meshes; rows have the other bases. Rows
+of `environment` say how far a few lights are from the sum over all its pixels.
 """
 
 import time
@@ -11,6 +12,7 @@ import numpy as np
 
 from processing.products import AnisotropicPhong, BlinnPhong, Lobe, ResidualBasis, Srf
 from render.comparison import gl_vs_reference
+from render.environment import median_cut
 from render.errors import GlUnavailableError
 from render.materials import Material
 from render.mesh import Mesh
@@ -36,13 +38,14 @@ def run(*, quick: bool) -> Result:
     try:
         times = [row for mesh in (sphere(shape=(65, 125)), statue()) for row in frame_times(renderer, mesh, quick)]
         errors = shader_errors(renderer, (120, 120) if quick else (300, 300))
+        reduced = environment_errors(renderer, 16 if quick else 32)
     finally:
         renderer.release()
     figures = {
         "frame_over_flat": max(row["over_flat"] for row in times if row["method"] == "SRF half"),
         "gl_vs_reference": max(row["error"] for row in errors),
     }
-    return Result(figures, [*times, *errors])
+    return Result(figures, [*times, *errors, *reduced])
 
 
 def frame_times(renderer: GlRenderer, mesh: Mesh, quick: bool) -> list[dict[str, object]]:
@@ -83,6 +86,27 @@ def shader_errors(renderer: GlRenderer, size: tuple[int, int]) -> list[dict[str,
             ends = replace(material, wrap=False)
             error["sphere"] = gl_vs_reference(ends, captured_sphere(), size=size, renderer=renderer)
         rows.append({"method": name, "error": max(error.values()), **error})
+    return rows
+
+
+def environment_errors(renderer: GlRenderer, height: int) -> list[dict[str, object]]:
+    """Root mean square error over a sphere's pixels, over their mean, of few lights against one for every pixel."""
+    mesh, environment = sphere(shape=(48, 96)), synthetic.daylight(height)
+    camera = framed(mesh, (64, 64), azimuth_rad=np.radians(50.0), elevation_rad=np.radians(20.0))
+    rows: list[dict[str, object]] = []
+    for name, exponent in (("matt", None), ("exponent 40", 40.0), ("exponent 200", 200.0)):
+        specular = np.full(3, 0.0 if exponent is None else 0.12)
+        material = rough(ResidualBasis.HALF, BlinnPhong(ROUND.diffuse, specular, exponent or 1.0))
+        pictures = {
+            count: renderer.draw(Scene(mesh, material, camera, median_cut(environment, count)))
+            for count in (1, 4, 16, 64, 256, 2 * height**2)
+        }
+        full = pictures.popitem()[1]
+        for count, picture in pictures.items():
+            error = (picture.radiance - full.radiance)[full.mask]
+            rows.append({"method": f"environment, {name}", "parameter": "lights for an environment", "value": count,
+                         "error": float(np.sqrt(np.mean(error**2)) / full.radiance[full.mask].mean()),
+                         "unit": "of the mean"})  # fmt: skip
     return rows
 
 

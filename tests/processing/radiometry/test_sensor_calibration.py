@@ -120,5 +120,5 @@ def test_linear_counts_keep_order_and_saturation(calibration):
 
 def test_the_picture_is_drawn(calibration, tmp_path):
     calibration.save(tmp_path)
-    assert "sensor" in draw_product(tmp_path, tmp_path / "sensor.png", "", (0, 0), 100)
+    assert "sensor" in draw_product(tmp_path, tmp_path / "sensor.png", "", (), 100)
     assert (tmp_path / "sensor.png").stat().st_size > 20_000

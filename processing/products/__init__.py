@@ -9,6 +9,7 @@ from processing.products.mdf import Mdf, unpack8
 from processing.products.normal_map import NormalMap, NormalStatus
 from processing.products.provenance import Provenance
 from processing.products.reflectance_maps import ReflectanceMaps
+from processing.products.relightable_image import RelightableImage
 from processing.products.residual_basis import ResidualBasis
 from processing.products.sphere import normals_of, sphere_normals, sphere_uv, tangent_frames
 from processing.products.srf import Srf
@@ -27,6 +28,7 @@ __all__ = [
     "NormalStatus",
     "Provenance",
     "ReflectanceMaps",
+    "RelightableImage",
     "ResidualBasis",
     "Srf",
     "StoredBtf",

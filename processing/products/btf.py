@@ -43,6 +43,10 @@ class Btf:
         """Texel rows under every light and view, (light, view, rows, x, channel)."""
         return self.reflectance[:, :, rows]
 
+    def seen_from(self, view: int) -> Float32:
+        """What one view sees under every light, (light, y, x, channel)."""
+        return self.reflectance[:, view]
+
     def row_spans(self) -> Iterator[slice]:
         """Spans of rows that keep a block small beside the whole."""
         return _spans(self.shape[2], _TEXELS_PER_CHUNK)
@@ -105,6 +109,10 @@ class StoredBtf:
     def image(self, light: int, view: int) -> Float32:
         """What one view sees under one light, (y, x, channel)."""
         return np.asarray(self.array[light, view], np.float32)
+
+    def seen_from(self, view: int) -> Float32:
+        """What one view sees under every light, (light, y, x, channel)."""
+        return np.asarray(self.array[:, view], np.float32)
 
     def texel(self, y: int, x: int) -> Float32:
         """One texel under every light and view, (light, view, channel)."""

@@ -8,11 +8,23 @@ _BURNT = 99.5  # percentile of the luminance that is shown as white
 _KEY = 0.18  # Reinhard et al. 2002: the display value of the scene's log-average
 
 
+def srgb(linear: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Display values of linear ones, 0 to 1 onto 0 to 1 (IEC 61966-2-1); outside clipped, NaN stays."""
+    x = np.clip(linear, 0.0, 1.0)
+    return np.asarray(np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055), linear.dtype)
+
+
+def linear_of_srgb(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Inverse of `srgb` between 0 and 1; NaN stays."""
+    x = np.clip(encoded, 0.0, 1.0)
+    return np.asarray(np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4), encoded.dtype)
+
+
 def srgb8(linear: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Display codes of linear values, 0 to 1 mapped to 0 to 255 (IEC 61966-2-1); outside clipped, NaN black."""
-    x = np.clip(np.nan_to_num(linear, nan=0.0, posinf=1.0, neginf=0.0), 0.0, 1.0)
-    encoded = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    codes: NDArray[np.uint8] = (encoded * 255.0 + 0.5).astype(np.uint8)
+    codes: NDArray[np.uint8] = (srgb(np.nan_to_num(linear, nan=0.0, posinf=1.0, neginf=0.0)) * 255.0 + 0.5).astype(
+        np.uint8
+    )
     return codes
 
 

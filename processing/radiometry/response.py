@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 
 from processing.errors import ImageError
 from processing.radiometry import response_kernel
+from processing.radiometry.display import linear_of_srgb
 from processing.radiometry.response_fit import (
     JUDGED_FRAMES,
     MIDDLE,
@@ -82,7 +83,7 @@ def _unbiased(light: Array, sigma_dn: Array) -> Array:
 def srgb_log_exposure() -> Array:
     """Logarithm of linear light (256,) of the sRGB curve (IEC 61966-2-1); code 0 taken as half a code."""
     x = np.maximum(np.arange(CODES), 0.5) / 255
-    return np.asarray(np.log(np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)), np.float64)
+    return np.asarray(np.log(linear_of_srgb(x)), np.float64)
 
 
 def recover_response(stack: NDArray[np.uint8], exposure: Array) -> tuple[Response, Array]:

@@ -225,6 +225,48 @@ def displacement(
 
 
 @app.command()
+def export(
+    product: Annotated[Path, typer.Argument(help="Folder of a product: a light_stack or a btf.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="A .ptm, an .rti, or a folder for web viewers.")],
+    luminance: Annotated[
+        bool, typer.Option("--luminance", help="One colour per pixel, only its brightness follows the light (LRGB).")
+    ] = False,
+    harmonics: Annotated[
+        bool, typer.Option("--harmonics", help="Of a folder: hemispherical harmonics, closer to gloss than a PTM.")
+    ] = False,
+) -> None:
+    """Write a product for relighting viewers: polynomial texture map, RTI, or a folder for the web.
+
+    RTIViewer and others open .ptm and .rti, OpenLIME and Relight the folder: docs/relight-your-own-photographs.md
+    """
+    from service import relighting
+
+    with reported_errors():
+        for line in relighting.export_product(product, out, luminance=luminance, harmonics=harmonics):
+            tell(line)
+
+
+@app.command()
+def rti(
+    source: Annotated[Path, typer.Argument(help="An .lp of photographs and their lights, or the folder it lies in.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
+    mask: Annotated[Path | None, typer.Option(help="Picture that is not black where the object is.")] = None,
+    linear: Annotated[bool, typer.Option("--linear", help="Counts are in proportion to light, not sRGB.")] = False,
+    pixel_mm: Annotated[float, typer.Option(help="Side of a pixel on the object.", min=1e-6)] = 1.0,
+) -> None:
+    """Relight photographs that another camera took under one light after another, and measure normals from them.
+
+    What it needs and writes: docs/relight-your-own-photographs.md
+    """
+    from service import relighting
+
+    with reported_errors():
+        lines = relighting.relight_photographs(source, out, mask, linear=linear, pixel_m=pixel_mm / 1e3)
+        for line in lines:
+            tell(line)
+
+
+@app.command()
 def demo(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of sessions, pictures and report.")] = Path(
         "out/demo"

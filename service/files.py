@@ -4,6 +4,7 @@ import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 PART = ".part-"
 
@@ -24,6 +25,21 @@ def replaced(out: Path) -> Iterator[Path]:
     finally:
         for leftover in _parts(part):
             leftover.unlink()
+
+
+@contextmanager
+def filled(folder: Path) -> Iterator[Path]:
+    """A folder to write to; on success what was written moves into `folder`, over files of the same names.
+
+    After a failure nothing has changed. Raises FileNotFoundError where the folder that `folder` lies in is missing.
+    """
+    check_folder(folder)
+    with TemporaryDirectory(prefix=PART, dir=folder.parent) as part:
+        yield Path(part)
+        for written in sorted(path for path in Path(part).rglob("*") if path.is_file()):
+            target = folder / written.relative_to(part)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            written.replace(target)
 
 
 def check_folder(out: Path) -> None:

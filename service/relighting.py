@@ -1,0 +1,108 @@
+"""`rig export` and `rig rti`: pictures for relighting viewers, of products and of other people's photographs."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from processing.errors import ImageError
+from processing.formats.ptm import write_ptm
+from processing.formats.relight import write_relight
+from processing.formats.rti import write_rti
+from processing.materials.ptm import (
+    PtmFit,
+    PtmStatus,
+    Values,
+    as_lrgb,
+    btf_pictures,
+    fit_ptm,
+    reproduction_db,
+    stack_pictures,
+)
+from processing.products import LightStack, RelightableImage, ResidualBasis, StoredBtf
+from processing.products.arrays import Float64
+from service.files import check_folder, filled, replaced
+from service.light_photographs import read_photographs
+from service.viewing import kind_of
+
+PTM, RTI = ".ptm", ".rti"
+PICTURE, WEB = "picture.ptm", "web"
+
+
+def export_product(product: Path, out: Path, *, luminance: bool = False, harmonics: bool = False) -> Iterator[str]:
+    """Write what a product's camera saw as a relightable image, and say how well it holds.
+
+    `out` is a .ptm, a .rti, or a folder for web viewers; `luminance` writes one colour per pixel, `harmonics` nine
+    hemispherical harmonics in the folder instead of a polynomial. Raises ImageError where the product or the ending is
+    of another kind.
+    """
+    harmonics = harmonics or out.suffix.lower() == RTI
+    _check_out(out, luminance=luminance, harmonics=harmonics)
+    values, lights = _pictures(product)
+    fit = fit_ptm(values, lights, ResidualBasis.HEMISPHERICAL if harmonics else ResidualBasis.BIQUADRATIC)
+    image = as_lrgb(fit.image) if luminance else fit.image
+    yield from _about(fit, reproduction_db(image, values, lights), len(lights))
+    _write(out, image)
+    height, width = fit.status.shape
+    yield f"{out}: {width} x {height} pixels over {image.basis}"
+
+
+def relight_photographs(
+    source: Path, out: Path, mask: Path | None = None, *, linear: bool = False, pixel_m: float = 1e-3
+) -> Iterator[str]:
+    """Turn a folder of photographs with an .lp into what relighting and shape need, all in the folder `out`.
+
+    A .ptm and a web folder of the photographs themselves, and the product light_stack, which
+    `export_product` takes. Nothing is written where something is wrong. Raises ImageError.
+    """
+    check_folder(out)
+    photographs = read_photographs(source, mask, linear=linear)
+    values, lights = photographs.display_values(), photographs.lights
+    fit = fit_ptm(values, lights)
+    yield from _about(fit, reproduction_db(fit.image, values, lights), len(lights))
+    with filled(out) as part:
+        write_ptm(part / PICTURE, fit.image)
+        write_relight(part / WEB, fit.image)
+        photographs.stack(pixel_m).save(part / "light_stack")
+    yield f"{out / PICTURE}: for RTI viewers"
+    yield f"{out / WEB}: for web viewers"
+    yield f"{out / 'light_stack'}: product, for `rig export`"
+
+
+def _check_out(out: Path, *, luminance: bool, harmonics: bool) -> None:
+    if out.suffix.lower() not in (PTM, RTI, ""):
+        raise ImageError(f"{out}: a polynomial texture map is {PTM}, harmonics are {RTI}; no ending means a folder.")
+    if harmonics and (luminance or out.suffix.lower() == PTM):
+        raise ImageError(f"{out}: a {PTM}, and one colour per pixel, are of polynomials; leave --harmonics out.")
+    check_folder(out)
+
+
+def _pictures(product: Path) -> tuple[Values, Float64]:
+    kind = kind_of(product)
+    if kind == "light_stack":
+        return stack_pictures(LightStack.load(product))
+    if kind == "btf":
+        return btf_pictures(StoredBtf.open(product))
+    raise ImageError(f"{product}: of a {kind} no camera's pictures are kept; a light_stack or a btf can be exported.")
+
+
+def _write(out: Path, image: RelightableImage) -> None:
+    if not out.suffix:
+        with filled(out) as part:
+            write_relight(part, image)
+        return
+    write = write_ptm if out.suffix.lower() == PTM else write_rti
+    with replaced(out) as part:
+        write(part, image)
+
+
+def _about(fit: PtmFit, quality_db: float, lights: int) -> Iterator[str]:
+    if fit.rank < fit.image.basis.size:
+        yield (
+            f"WARNING: the {lights} lights determine {fit.rank} of {fit.image.basis.size} coefficients, the shortest "
+            "solution was taken: under lights far from them the picture is a guess."
+        )
+    gaps = np.bincount(fit.status.ravel(), minlength=len(PtmStatus))
+    if gaps[PtmStatus.NO_VALUES]:
+        yield f"{gaps[PtmStatus.NO_VALUES] / fit.status.size:.1%} of the pixels were not measured and are black"
+    yield f"differs from the {lights} pictures by {quality_db:.1f} dB (peak signal to noise)"

@@ -1,0 +1,61 @@
+"""Directions of lights from their highlights on a chrome sphere."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from processing.errors import ImageError
+from processing.materials.limb import SphereImage
+from processing.products.arrays import Float64
+
+_BRIGHT = 0.5  # of the brightest pixel: what belongs to the highlight
+_LEAST_RISE = 3.0  # of the highlight over the brightest percent of the sphere beside it
+
+
+def sphere_of_mask(mask: NDArray[np.bool_]) -> SphereImage:
+    """Circle of the mask (y, x) of a whole sphere: the disc of its area about its centroid.
+
+    Its deviations are those of pixels that each decide whether they are in: one in sqrt(12) of a pixel along the edge.
+    Raises ImageError where the mask is empty or no disc.
+    """
+    rows, columns = np.nonzero(mask)
+    if len(rows) == 0:
+        raise ImageError("the mask of the sphere is empty; expected a picture that is white where the sphere is")
+    centre = np.array([columns.mean(), rows.mean()])
+    radius = float(np.sqrt(len(rows) / np.pi))
+    beyond = np.hypot(*(np.stack([columns, rows]) - centre[:, None])) > radius + 1.5
+    if beyond.mean() > 0.01:
+        raise ImageError(f"the mask is no disc: {beyond.mean():.0%} of it lies outside the circle of its area")
+    edge = 2 * np.pi * radius
+    covariance = np.diag([2.0, 2.0, 1.0]) / 12 / edge
+    return SphereImage(centre, radius, covariance, round(edge))
+
+
+def light_directions(images: NDArray[np.floating], sphere: SphereImage) -> Float64:
+    """Unit vectors (light, 3) toward distant lights, in the view frame, from images (light, y, x) of a chrome sphere.
+
+    The highlight is the largest bright region, its place the centroid of its light, saturated or not. There the
+    sphere's normal n halves the angle to the camera, which sees along -z from far away: L = 2 n_z n - z.
+    Raises ImageError where an image shows no highlight.
+    """
+    return np.stack([_direction(image, sphere, number) for number, image in enumerate(images)])
+
+
+def _direction(image: NDArray[np.floating], sphere: SphereImage, number: int) -> Float64:
+    across, along = (highlight_px(image, sphere, number) - sphere.centre_px) / sphere.radius_px
+    normal = np.array([across, -along, np.sqrt(max(1 - across**2 - along**2, 0.0))])
+    return np.asarray(2 * normal[2] * normal - np.array([0.0, 0.0, 1.0]), np.float64)
+
+
+def highlight_px(image: NDArray[np.floating], sphere: SphereImage, number: int = 0) -> Float64:
+    """Column and row of the highlight of an image, whose `number` errors name."""
+    row, column = np.ogrid[: image.shape[0], : image.shape[1]]
+    inside = np.hypot(column - sphere.centre_px[0], row - sphere.centre_px[1]) < sphere.radius_px
+    value = np.where(inside & np.isfinite(image), image, 0.0).astype(np.float64)
+    bright = value > _BRIGHT * value.max()
+    regions, count = ndimage.label(bright)
+    rest = value[inside & ~ndimage.binary_dilation(bright, iterations=3)]
+    if count == 0 or rest.size == 0 or value.max() < _LEAST_RISE * np.percentile(rest, 99):
+        raise ImageError(f"image {number} of the chrome sphere shows no highlight that stands out")
+    largest = 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
+    return np.array(ndimage.center_of_mass(value, regions, largest))[::-1]

@@ -1,0 +1,311 @@
+"""Photometric stereo of every pixel by itself: robust start, then weighted least squares, in compiled loops.
+
+A matt surface of scaled normal b shows b . e under a light of vector e, which points from the surface to the light and
+is as long as its irradiance relative to the picture's middle. Shadows and highlights are not on that plane; what lies
+on it is found by the plane through three samples that has the least median error, and then by Tukey's biweight.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from processing.robust import TUKEY
+
+Array = NDArray[np.float64]
+Values = NDArray[np.floating]
+MEASURED, NO_SAMPLES, TOO_FEW, RANK_DEFICIENT, INCONSISTENT = range(5)
+FEWEST = 4  # samples: three would be met exactly, and nothing would tell a highlight from a slope
+DARK = 0.03  # of the fourth brightest sample: what is darker is in a shadow, whose light came round about
+NOISES = 3.0  # standard deviations by which noise may explain what is seen
+ROUNDING = 1e-6  # of the brightest sample: what float32 leaves of a value
+LEAST_VOLUME = 1e-3  # of three light directions, for the plane through their samples
+LEAST_SPREAD = 0.03  # least over largest singular value of the lights that count; noise grows by its inverse
+ROUNDS = 30
+SETTLED = 1e-8  # relative step at which the rounds end
+
+
+class Samples(NamedTuple):
+    """One pixel's samples: grey value (m,), variance (m,), light vectors (m, 3), and which lights they are (m,)."""
+
+    grey: Array
+    variance: Array
+    vector: Array
+    light: NDArray[np.intp]
+
+
+@njit(cache=True)
+def light_vector(light: Array, point: Array) -> tuple[float, float, float]:
+    """From a point to a light (direction, distance) as long as its irradiance is against that at the origin."""
+    if np.isinf(light[3]):
+        return light[0], light[1], light[2]
+    x, y, z = light[0] * light[3] - point[0], light[1] * light[3] - point[1], light[2] * light[3] - point[2]
+    length2 = x * x + y * y + z * z
+    scale = light[3] * light[3] / (length2 * np.sqrt(length2))
+    return x * scale, y * scale, z * scale
+
+
+@njit(cache=True)
+def channel_shares(value: Values) -> tuple[Array, float]:
+    """Mean colour of a pixel's samples (light, 3), of mean 1, and the largest value."""
+    shares, largest = np.zeros(3), 0.0
+    for i in range(len(value)):
+        total = value[i, 0] + value[i, 1] + value[i, 2]
+        for channel in range(3):
+            if np.isfinite(total):
+                shares[channel] += max(value[i, channel], 0.0)
+            if np.isfinite(value[i, channel]):
+                largest = max(largest, float(value[i, channel]))
+    total = shares.sum()
+    return (shares * (3.0 / total) if total > 0 else np.ones(3)), largest
+
+
+@njit(cache=True)
+def gather(value: Values, variance: Values, lights: Array, point: Array) -> Samples:
+    """The measured samples of a pixel (light, 3), channels weighed together by their colour and their noise."""
+    count = len(value)
+    grey, spread, vector, light = np.empty(count), np.empty(count), np.empty((count, 3)), np.empty(count, np.intp)
+    shares, largest = channel_shares(value)
+    floor = (ROUNDING * largest) ** 2
+    kept = 0
+    for i in range(count):
+        weight, total = 0.0, 0.0
+        for channel in range(3):
+            noise = variance[i, channel] + floor
+            if np.isfinite(value[i, channel]) and np.isfinite(noise) and noise > 0:
+                weight += shares[channel] ** 2 / noise
+                total += shares[channel] * value[i, channel] / noise
+        if weight > 0:
+            grey[kept], spread[kept], light[kept] = total / weight, 1.0 / weight, i
+            vector[kept, 0], vector[kept, 1], vector[kept, 2] = light_vector(lights[i], point)
+            kept += 1
+    return Samples(grey[:kept], spread[:kept], vector[:kept], light[:kept])
+
+
+@njit(cache=True)
+def normal_matrix(grey: Array, vector: Array, weights: Array) -> tuple[Array, Array]:
+    """Sum of w e e^T (3, 3) and of w g e (3,)."""
+    matrix, right = np.zeros((3, 3)), np.zeros(3)
+    for i in range(len(weights)):
+        for j in range(3):
+            weighted = weights[i] * vector[i, j]
+            right[j] += weighted * grey[i]
+            for k in range(3):
+                matrix[j, k] += weighted * vector[i, k]
+    return matrix, right
+
+
+@njit(cache=True)
+def solve_scaled_normal(matrix: Array, right: Array) -> Array:
+    """Solution of a symmetric 3 x 3 system by its adjugate; NaN where the matrix is singular."""
+    a, b, c, d, e, f = matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * aa + b * ab + c * ac
+    found = np.full(3, np.nan)
+    if abs(determinant) > 1e-14 * abs(a * d * f):
+        bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
+        found[0] = (aa * right[0] + ab * right[1] + ac * right[2]) / determinant
+        found[1] = (ab * right[0] + bb * right[1] + bc * right[2]) / determinant
+        found[2] = (ac * right[0] + bc * right[1] + cc * right[2]) / determinant
+    return found
+
+
+@njit(cache=True)
+def plane_through(vector: Array, grey: Array, triple: NDArray[np.intp]) -> Array:
+    """The scaled normal that three samples have; NaN where their lights lie nearly in a plane."""
+    p, q, r = vector[triple[0]], vector[triple[1]], vector[triple[2]]
+    qr = np.array([q[1] * r[2] - q[2] * r[1], q[2] * r[0] - q[0] * r[2], q[0] * r[1] - q[1] * r[0]])
+    rp = np.array([r[1] * p[2] - r[2] * p[1], r[2] * p[0] - r[0] * p[2], r[0] * p[1] - r[1] * p[0]])
+    pq = np.array([p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]])
+    volume = p[0] * qr[0] + p[1] * qr[1] + p[2] * qr[2]
+    lengths = np.sqrt((p * p).sum() * (q * q).sum() * (r * r).sum())
+    if abs(volume) < LEAST_VOLUME * lengths:
+        return np.full(3, np.nan)
+    found: Array = (grey[triple[0]] * qr + grey[triple[1]] * rp + grey[triple[2]] * pq) / volume
+    return found
+
+
+@njit(cache=True)
+def squared_errors(grey: Array, vector: Array, b: Array) -> Array:
+    """(g - b . e)^2 of every sample."""
+    squared = np.empty(len(grey))
+    for i in range(len(grey)):
+        error = grey[i] - (b[0] * vector[i, 0] + b[1] * vector[i, 1] + b[2] * vector[i, 2])
+        squared[i] = error * error
+    return squared
+
+
+@njit(cache=True)
+def least_median(grey: Array, vector: Array, triples: NDArray[np.intp]) -> tuple[Array, float]:
+    """The plane through three samples whose median squared error over all is least, and that error (Rousseeuw 1984)."""
+    middle = (len(grey) + FEWEST) // 2 - 1
+    best, least = np.full(3, np.nan), np.inf
+    for k in range(len(triples)):
+        if triples[k, 0] < 0:
+            break
+        b = plane_through(vector, grey, triples[k])
+        if np.isfinite(b[0]):
+            squared = squared_errors(grey, vector, b)
+            if np.count_nonzero(squared < least) > middle:
+                best, least = b, float(np.sort(squared)[middle])
+    return best, least
+
+
+@njit(cache=True)
+def bulk_variance(grey: Array, vector: Array, b: Array, bound: float) -> float:
+    """Variance of the samples within a squared error, about the plane that fits these; right in the median of pixels.
+
+    The factor is the median of chi-squared over its degrees of freedom (Wilson and Hilferty 1931).
+    """
+    near = squared_errors(grey, vector, b) <= bound
+    matrix, right = normal_matrix(grey, vector, near.astype(np.float64))
+    squared = squared_errors(grey, vector, solve_scaled_normal(matrix, right))
+    freedom = max(int(np.count_nonzero(near)) - 3, 1)
+    return float((squared * near).sum() / (freedom * (1 - 2 / (9 * freedom)) ** 3))
+
+
+@njit(cache=True)
+def lit(samples: Samples) -> NDArray[np.intp]:
+    """Indices of the samples that are no shadow; none where there are not enough samples."""
+    count = len(samples.grey)
+    if count < FEWEST:
+        return np.empty(0, np.intp)
+    reference = np.sort(samples.grey)[count - FEWEST]
+    return np.flatnonzero(samples.grey > DARK * reference + NOISES * np.sqrt(samples.variance))
+
+
+@njit(parallel=True, cache=True)
+def starts(value: Values, variance: Values, lights: Array, points: Array, triples: NDArray[np.intp]) -> Array:
+    """Scaled normal by least median and relative variance beyond the noise, (y, x, 4); NaN where there is none.
+
+    `triples` (m, k, 3) are the places to take of m samples, ended by -1; of more than m - 1 samples that many are
+    taken, evenly.
+    """
+    height, width = points.shape[:2]
+    found = np.full((height, width, 4), np.nan)
+    for y in prange(height):
+        for x in range(width):
+            samples = gather(value[:, y, x], variance[:, y, x], lights, points[y, x])
+            use = lit(samples)
+            if len(use) < FEWEST:
+                continue
+            taken = min(len(use), len(triples) - 1)
+            use = use[(np.arange(taken) * len(use)) // taken]
+            grey, vector = samples.grey[use], samples.vector[use]
+            b, least = least_median(grey, vector, triples[taken])
+            # 1.4826 makes a median of normal errors a deviation; the rest is for few samples (Rousseeuw, Leroy 1987)
+            bound = (2.5 * 1.4826 * (1 + 5 / max(taken - 3, 1))) ** 2 * least
+            excess = bulk_variance(grey, vector, b, bound) - samples.variance[use].mean()
+            found[y, x, :3], found[y, x, 3] = b, excess / (b * b).sum()
+    return found
+
+
+@njit(cache=True)
+def weights_of(samples: Samples, b: Array, misfit: float) -> Array:
+    """Weights (m,): the biweight over the variance of noise and misfit; 0 for shadows, attached and cast."""
+    count = len(samples.grey)
+    weights = np.zeros(count)
+    reference = np.sort(samples.grey)[max(count - FEWEST, 0)]
+    for i in range(count):
+        e = samples.vector[i]
+        model = b[0] * e[0] + b[1] * e[1] + b[2] * e[2]
+        error, noise = samples.grey[i] - model, samples.variance[i]
+        cast = samples.grey[i] < DARK * reference and -error > NOISES * np.sqrt(noise)
+        if model > 0 and not cast:
+            sigma2 = noise + misfit * (b * b).sum()
+            weights[i] = max(1 - error * error / (TUKEY * TUKEY * sigma2), 0.0) ** 2 / sigma2
+    return weights
+
+
+@njit(cache=True)
+def refine(samples: Samples, b: Array, misfit: float) -> tuple[Array, Array]:
+    """Reweighted least squares from a start; the scaled normal, NaN where nothing holds it, and its weights."""
+    weights = weights_of(samples, b, misfit)
+    for _ in range(ROUNDS):
+        matrix, right = normal_matrix(samples.grey, samples.vector, weights)
+        after = solve_scaled_normal(matrix, right)
+        if not np.isfinite(after[0]):
+            return after, weights
+        step = np.abs(after - b).max()
+        b = after
+        weights = weights_of(samples, b, misfit)
+        if step <= SETTLED * np.abs(b).max():
+            break
+    return b, weights
+
+
+@njit(cache=True)
+def angle_variance(samples: Samples, b: Array, weights: Array) -> float:
+    """Mean squared angle of the normal's error: both tangential parts of b's covariance over its squared length.
+
+    The covariance is the inverse normal matrix, enlarged where the errors exceed what was believed by more than chance.
+    """
+    matrix = normal_matrix(samples.grey, samples.vector, weights)[0]
+    inverse = np.linalg.inv(matrix)
+    freedom = max(int(np.count_nonzero(weights)) - 3, 1)
+    excess = (weights * squared_errors(samples.grey, samples.vector, b)).sum() / freedom
+    if excess < 1 + 3 * np.sqrt(2 / freedom):
+        excess = 1.0
+    length2 = (b * b).sum()
+    radial = (b * (inverse @ b)).sum() / length2
+    return float((inverse[0, 0] + inverse[1, 1] + inverse[2, 2] - radial) / length2 * excess)
+
+
+@njit(cache=True)
+def judge(samples: Samples, start: Array, b: Array, weights: Array) -> int:
+    """What became of a pixel that has samples."""
+    bright = len(lit(samples))
+    if bright < FEWEST:
+        return TOO_FEW
+    if np.isnan(start[0]):
+        return RANK_DEFICIENT
+    used = np.count_nonzero(weights)
+    if used < FEWEST or 2 * used < bright or not b[2] > 0:
+        return INCONSISTENT
+    spread = np.linalg.eigvalsh(normal_matrix(samples.grey, samples.vector, weights)[0])
+    return MEASURED if spread[0] > LEAST_SPREAD**2 * spread[2] else RANK_DEFICIENT
+
+
+@njit(cache=True)
+def albedo(value: Values, samples: Samples, b: Array, weights: Array) -> Array:
+    """pi times the reflectance (3,) by which the samples that count show this normal, NaN where a channel has none."""
+    shown, squared = np.zeros(3), np.zeros(3)
+    length = np.sqrt((b * b).sum())
+    for i in range(len(weights)):
+        model = (b * samples.vector[i]).sum() / length
+        for channel in range(3):
+            f = value[samples.light[i], channel]
+            if np.isfinite(f):
+                shown[channel] += weights[i] * model * f
+                squared[channel] += weights[i] * model * model
+    found = np.full(3, np.nan)
+    for channel in range(3):
+        if squared[channel] > 0:
+            found[channel] = np.pi * shown[channel] / squared[channel]
+    return found
+
+
+@njit(parallel=True, cache=True)
+def normals(
+    value: Values, variance: Values, lights: Array, points: Array, start: Array
+) -> tuple[Array, NDArray[np.uint8]]:
+    """Scaled normal, its mean squared angle and the albedo (y, x, 7), NaN where there is none, and status (y, x).
+
+    `start` (y, x, 4) is what `starts` gave, its last the relative variance that is allowed beyond the noise.
+    """
+    height, width = points.shape[:2]
+    found = np.full((height, width, 7), np.nan)
+    status = np.empty((height, width), np.uint8)
+    for y in prange(height):
+        for x in range(width):
+            samples = gather(value[:, y, x], variance[:, y, x], lights, points[y, x])
+            if len(samples.grey) == 0:
+                status[y, x] = NO_SAMPLES
+                continue
+            b, weights = refine(samples, start[y, x, :3], start[y, x, 3])
+            status[y, x] = judge(samples, start[y, x], b, weights)
+            if status[y, x] == MEASURED:
+                found[y, x, :3], found[y, x, 3] = b, angle_variance(samples, b, weights)
+                found[y, x, 4:] = albedo(value[:, y, x], samples, b, weights)
+    return found, status

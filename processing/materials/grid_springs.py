@@ -27,10 +27,10 @@ def solve(springs: Springs, load: Float64, start: Float64, precision: float) -> 
     goal = precision * np.linalg.norm(load)
     direction, last = np.zeros_like(height), 1.0
     for _ in range(ITERATIONS):
-        if np.linalg.norm(residual) <= goal:
-            break
         smooth = _cycle(levels, residual, 0)
         product = float(np.vdot(residual, smooth))
+        if np.linalg.norm(residual) <= goal or not product > 0:
+            break
         direction = smooth + (product / last) * direction
         last = product
         image = apply(springs[0], springs[1], direction)

@@ -54,17 +54,17 @@ def test_every_piece_stands_about_zero():
 
 
 def test_an_edge_bends_the_surface_less_than_least_squares(monkeypatch):
-    """A ball before a wall: what its limb contradicts gives way, and wall and ball keep their shape."""
-    height, normal = shapes.ball(60, radius=0.5)
-    on_ball = np.isfinite(height)
-    normal = np.where(on_ball[..., None], normal, [0.0, 0.0, 1.0])
-    truth = np.where(on_ball, height * 30 + 40, 0.0)
+    """A small ball before a large one: what its limb contradicts gives way, and nine pixels of ten keep their place."""
+    (height, normal), (front, front_normal) = shapes.ball(64), shapes.ball(64, radius=0.4)
+    hides = np.isfinite(front)
+    truth = np.where(hides, front + 1, height) * 32
+    normal = np.where(hides[..., None], front_normal, normal)
     robust = integrate(map_of(normal))
     monkeypatch.setattr("processing.materials.integration._ROUNDS", 1)
     plain = integrate(map_of(normal))
-    for part in (on_ball, ~on_ball):
-        ours, theirs = (np.sqrt(np.mean(left_over_px(depth, truth, part) ** 2)) for depth in (robust, plain))
-        assert ours < 0.8 * theirs
+    for part in (hides, np.isfinite(height) & ~hides):
+        ours, theirs = (np.percentile(np.abs(left_over_px(depth, truth, part)), 90) for depth in (robust, plain))
+        assert ours < theirs / 5
 
 
 def test_no_normals_give_no_depth():

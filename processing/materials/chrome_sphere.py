@@ -1,5 +1,7 @@
 """Directions of lights from their highlights on a chrome sphere."""
 
+from math import pi, sqrt
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -22,13 +24,13 @@ def sphere_of_mask(mask: NDArray[np.bool_]) -> SphereImage:
     if len(rows) == 0:
         raise ImageError("the mask of the sphere is empty; expected a picture that is white where the sphere is")
     centre = np.array([columns.mean(), rows.mean()])
-    radius = float(np.sqrt(len(rows) / np.pi))
+    radius = sqrt(len(rows) / pi)
     beyond = np.hypot(*(np.stack([columns, rows]) - centre[:, None])) > radius + 1.5
     if beyond.mean() > 0.01:
         raise ImageError(f"the mask is no disc: {beyond.mean():.0%} of it lies outside the circle of its area")
-    edge = 2 * np.pi * radius
-    covariance = np.diag([2.0, 2.0, 1.0]) / 12 / edge
-    return SphereImage(centre, radius, covariance, round(edge))
+    edge = np.argwhere(mask & ~ndimage.binary_erosion(mask))[:, ::-1].astype(np.float64)
+    covariance = np.diag([2.0, 2.0, 1.0]) / 12 / len(edge)
+    return SphereImage(centre, radius, covariance, edge)
 
 
 def light_directions(images: NDArray[np.floating], sphere: SphereImage) -> Float64:

@@ -41,7 +41,7 @@ def start(grey, variance, vector, triples):
 def refined(grey, variance, vector, b, misfit):
     """Scaled normal and weights of the reweighted least squares."""
     fourth = np.sort(grey)[-4]
-    for _ in range(31):
+    for _ in range(30):
         model = vector @ b
         cast = (grey < 0.03 * fourth) & (model - grey > 3 * np.sqrt(variance))
         sigma2 = variance + misfit * (b @ b)

@@ -54,8 +54,9 @@ def test_every_piece_stands_about_zero():
 
 
 def test_an_edge_bends_the_surface_less_than_least_squares(monkeypatch):
-    """A small ball before a large one: what its limb contradicts gives way, and nine pixels of ten keep their place."""
+    """A small ball before a large one: the limb gives way, and three pixels of four keep their place."""
     (height, normal), (front, front_normal) = shapes.ball(64), shapes.ball(64, radius=0.4)
+    front, front_normal = np.roll(front, (-6, 9), (0, 1)), np.roll(front_normal, (-6, 9), (0, 1))
     hides = np.isfinite(front)
     truth = np.where(hides, front + 1, height) * 32
     normal = np.where(hides[..., None], front_normal, normal)
@@ -63,7 +64,7 @@ def test_an_edge_bends_the_surface_less_than_least_squares(monkeypatch):
     monkeypatch.setattr("processing.materials.integration._ROUNDS", 1)
     plain = integrate(map_of(normal))
     for part in (hides, np.isfinite(height) & ~hides):
-        ours, theirs = (np.percentile(np.abs(left_over_px(depth, truth, part)), 90) for depth in (robust, plain))
+        ours, theirs = (np.percentile(np.abs(left_over_px(depth, truth, part)), 75) for depth in (robust, plain))
         assert ours < theirs / 5
 
 

@@ -56,21 +56,31 @@ SAMPLES: Mapping[str, Callable[[int], tuple[Sample, float]]] = {
 
 
 def btf(sample: str, seed: int, lights: Array, views: Array, texels: int, rays_per_texel: int = 1) -> Floats:
+    """`btf_below` with the texels on the plane z = 0, that of the holder's opening."""
+    return btf_below(sample, seed, (lights, views), texels, rays_per_texel, 0.0)
+
+
+def btf_below(
+    sample: str, seed: int, directions: tuple[Array, Array], texels: int, rays_per_texel: int, depth_m: float
+) -> Floats:
     """Noise-free BTF (n, m, texels, texels, 3) of one period, 1/sr, no cosine; the same bits for the same arguments.
 
     Lights (n, 3) and views (m, 3) are unit vectors away from the sample, at most 80 deg from its normal (0, 0, 1). A
-    texel is where the view's ray crosses z = 0, row 0 at the highest y; its value is the mean over rays spread by the
-    R2 sequence (Roberts 2018), one through its middle. Radiance over the light's irradiance on the plane z = 0, shadows
-    inside, single scattering. Raises ValueError for another sample and lower directions.
+    texel is where the view's ray crosses the plane z = -depth_m, row 0 at the highest y: what lies in that plane stays
+    in its texel, all else shifts with the view. A value is the mean over rays spread by the R2 sequence (Roberts 2018),
+    one through the texel's middle: radiance over the light's irradiance on a level plane, shadows inside, single
+    scattering. Raises ValueError for another sample and lower directions.
     """
+    lights, views = directions
     if sample not in SAMPLES:
         raise ValueError(f"{sample!r} is not periodic: one of {', '.join(SAMPLES)}")
     if min(lights[:, 2].min(), views[:, 2].min()) < LOWEST_COSINE:
         raise ValueError(f"a light or view is lower than 80 deg from the normal: z is under {LOWEST_COSINE}")
     body, period_m = SAMPLES[sample](seed)
-    starts = _places(texels, rays_per_texel, period_m)
+    places = _places(texels, rays_per_texel, period_m)
     out = np.empty((len(lights), len(views), texels, texels, 3), np.float32)
     for v, view in enumerate(views):
+        starts = _above(places, view, depth_m, period_m)
         hits = body.trace(starts, np.broadcast_to(-view * period_m, starts.shape))
         hits.points[:, :2] -= period_m * np.round(hits.points[:, :2] / period_m)  # there the same is seen
         for n, light in enumerate(lights):
@@ -78,6 +88,15 @@ def btf(sample: str, seed: int, lights: Array, views: Array, texels: int, rays_p
             seen[hits.ray] = _reflected(body, hits, light, view)
             out[n, v] = seen.reshape(texels, texels, rays_per_texel, 3).mean(axis=2)
     return out
+
+
+def _above(places: Array, view: Array, depth_m: float, period_m: float) -> Array:
+    """Where the rays to points that lie depth_m under `places` cross z = 0, within the middle period."""
+    if depth_m == 0.0:
+        return places
+    starts = places + np.append(view[:2] / view[2] * depth_m, 0.0)
+    starts[:, :2] = (starts[:, :2] + period_m / 2) % period_m - period_m / 2
+    return starts
 
 
 def _reflected(body: Sample, hits: Hits, light: Array, view: Array) -> Floats:

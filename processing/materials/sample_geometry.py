@@ -12,7 +12,10 @@ from processing.products.arrays import Float64
 _SMALLEST_COSINE = 1e-300  # of N.H, in place of all below: its powers are 0, its logarithm a number
 _CODES = {basis: code for code, basis in enumerate(ResidualBasis)}
 _ABOUT = 1 / np.sqrt(2 * np.pi)
-_HALF, _HALF_LIGHT, _BIQUADRATIC = (_CODES[b] for b in list(ResidualBasis)[:3])
+_HALF, _HALF_LIGHT, _BIQUADRATIC, _BILINEAR = (
+    _CODES[basis]
+    for basis in (ResidualBasis.HALF, ResidualBasis.HALF_LIGHT, ResidualBasis.BIQUADRATIC, ResidualBasis.BILINEAR)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +73,14 @@ def _tabulate(light: Float64, view: Float64, code: int, size: int) -> tuple[Floa
             twice[t, 0, d] = (x * x - y * y) / level if level > 0 else 1.0
             twice[t, 1, d] = 2 * x * y / level if level > 0 else 0.0
             if one[2] > 0:
-                _evaluate(code, one, (x, y, z), basis[t, :, d])
+                _evaluate(code, (one, other), (x, y, z), basis[t, :, d])
     return basis, cos_light, log_half, twice
 
 
 @numba.njit(cache=True)
-def _evaluate(code: int, light: Float64, half: tuple[float, float, float], out: Float64) -> None:
-    """`ResidualBasis.evaluate` of one sample."""
+def _evaluate(code: int, ways: tuple[Float64, Float64], half: tuple[float, float, float], out: Float64) -> None:
+    """`ResidualBasis.evaluate` of one sample, whose `ways` lead to the light and to the eye."""
+    light, view = ways
     x, y, z = light
     if code == _HALF or code == _HALF_LIGHT:
         out[0], out[1], out[2] = half
@@ -85,6 +89,9 @@ def _evaluate(code: int, light: Float64, half: tuple[float, float, float], out: 
     elif code == _BIQUADRATIC:
         out[0], out[1], out[2] = 1.0, x, y
         out[3], out[4], out[5] = x * x, x * y, y * y
+    elif code == _BILINEAR:
+        for i in range(9):
+            out[i] = light[i // 3] * view[i % 3]
     else:
         _hemispherical(x, y, z, out)
 

@@ -15,6 +15,7 @@ class ResidualBasis(StrEnum):
     HALF_LIGHT = "half_light"  # H, L_z, 1
     BIQUADRATIC = "biquadratic"  # 1, L_x, L_y, L_x^2, L_x L_y, L_y^2: a polynomial texture map's
     HEMISPHERICAL = "hemispherical"  # nine hemispherical harmonics of L
+    BILINEAR = "bilinear"  # L_i V_j: what masks, shadows and shifts a relief from one view to the next
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -40,6 +41,8 @@ class ResidualBasis(StrEnum):
                 return np.column_stack([one, x, y, x * x, x * y, y * y])
             case ResidualBasis.HEMISPHERICAL:
                 return _hemispherical(light)
+            case ResidualBasis.BILINEAR:
+                return (light[:, :, None] * np.asarray(view, np.float64)[:, None, :]).reshape(-1, 9)
 
 
 _NAMES = {
@@ -47,6 +50,7 @@ _NAMES = {
     ResidualBasis.HALF_LIGHT: ("H.t", "H.b", "H.n", "L.n", "1"),
     ResidualBasis.BIQUADRATIC: ("1", "L.t", "L.b", "L.tt", "L.tb", "L.bb"),
     ResidualBasis.HEMISPHERICAL: ("00", "1-1", "10", "11", "2-2", "2-1", "20", "21", "22"),
+    ResidualBasis.BILINEAR: tuple(f"L.{light} V.{view}" for light in "tbn" for view in "tbn"),
 }
 
 

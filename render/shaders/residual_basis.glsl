@@ -20,6 +20,17 @@ float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
     );
 }
 
+#elif defined(BASIS_BILINEAR)
+const int BASIS_SIZE = 9;
+
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
+    vec3 view = 2.0 * dot(light, half_vector) * half_vector - light;
+    return float[](
+        light.x * view.x, light.x * view.y, light.x * view.z, light.y * view.x, light.y * view.y, light.y * view.z,
+        light.z * view.x, light.z * view.y, light.z * view.z
+    );
+}
+
 #elif defined(BASIS_BIQUADRATIC)
 const int BASIS_SIZE = 6;
 

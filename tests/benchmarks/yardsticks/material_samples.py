@@ -5,20 +5,26 @@ were collected below full well, read noise of each exposure. Fits see the noisy 
 ones.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.products import ReflectanceMaps, sphere_normals, tangent_frames
-from simulators.layout import SphereLayout, direction
-from simulators.light import ELECTRONS_PER_RADIANCE, radiance
-from simulators.scene_sphere import SphereScene
+from processing.materials.measurements import Measurements, btf_measurements, sphere_measurements
+from processing.products import Btf, ReflectanceMaps
+from simulators.far_field import btf_below
+from simulators.layout import direction
+from simulators.light import ELECTRONS_PER_RADIANCE
+from simulators.sphere_truth import camera_axes, reflectance_maps
 
 Array = NDArray[Any]
 
+SPHERES = ("sphere", "sphere-glaze", "sphere-wax", "sphere-cloth")
+# The plane of a BTF's texels under the holder's: where the texels of another seed's BTF vary least over the views,
+# among steps of 0.25 mm. On the holder's own plane all surfaces lie below their texels and shift with the view.
+DEPTHS_M = {"brick": 1.0e-3, "weave": 1.0e-3, "peanut": 1.25e-3, "grass": 1.25e-3}
+SPHERE_RADIUS_M = 0.050
 EXPOSURES_S = np.geomspace(1 / 30, 2.0, 5)
 FULL_WELL_E, READ_NOISE_E = 15356.0, 4.0
 
@@ -27,8 +33,9 @@ FULL_WELL_E, READ_NOISE_E = 15356.0, 4.0
 class Samples:
     """A material by direction and texel: `true` values and `measured` ones (direction, texel, 3), 1/sr.
 
-    `light` and `view` are unit vectors (direction, texel or 1, 3) in the tangent frame; `shape` the rows and columns
-    of the texels; `source` what the measured values came in. Not lit: NaN.
+    `light` and `view` are unit vectors (direction or 1, texel or 1, 3) in the tangent frame; `shape` the rows and
+    columns of the texels; `source` what the measured values came in. NaN where the light does not reach. `held` are
+    the directions that a fit is not shown when it is asked for others than it has seen.
     """
 
     name: str
@@ -37,64 +44,90 @@ class Samples:
     light: Array
     view: Array
     shape: tuple[int, int]
-    source: ReflectanceMaps
+    source: ReflectanceMaps | Btf
+    held: Array
 
-    def only(self, directions: Sequence[int] | Array) -> "Samples":
-        """The samples of some directions."""
-        keep = np.asarray(directions)
-        maps = self.source
-        part = replace(
-            maps,
-            reflectance_cos=maps.reflectance_cos[keep],
-            variance=maps.variance[keep],
-            light_directions=maps.light_directions[keep],
-            light_distances=maps.light_distances[keep],
-        )
-        view = self.view[keep] if len(self.view) > 1 else self.view
+    @property
+    def measurements(self) -> Measurements:
+        """The measured samples in the form that fits take."""
+        if isinstance(self.source, ReflectanceMaps):
+            return sphere_measurements(self.source)
+        return btf_measurements(self.source, np.arange(self.shape[0] * self.shape[1]))
+
+    def only(self, wanted: Array) -> "Samples":
+        """The samples of some directions (direction,), a mask."""
+        light, view = (ways if len(ways) == 1 else ways[wanted] for ways in (self.light, self.view))
         return replace(
-            self, true=self.true[keep], measured=self.measured[keep], light=self.light[keep], view=view, source=part
-        )
+            self, true=self.true[wanted], measured=self.measured[wanted], light=light, view=view,
+            source=_only(self.source, wanted), held=self.held[wanted],
+        )  # fmt: skip
 
 
-def sphere_samples(name: str, lights_m: Array, eye_m: Array, size: int, seed: int) -> Samples:
-    """A sphere seen from one place under each light, positions (light, 3) and (3,) in the rig's frame."""
-    scene = SphereScene(SphereLayout(), seed)
-    forward = -eye_m / np.linalg.norm(eye_m)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    map_from_rig = np.stack([right, np.cross(forward, right), forward])
-    hits = scene.normal_hits(sphere_normals(size).reshape(-1, 3) @ map_from_rig)
-    true = np.stack([
-        radiance(hits, scene.lit(hits, light), light, eye_m, float(np.linalg.norm(light))) for light in lights_m
-    ])  # fmt: skip
+def _only(source: ReflectanceMaps | Btf, wanted: Array) -> ReflectanceMaps | Btf:
+    """A BTF keeps its axes and loses the values of the other pairs."""
+    if isinstance(source, Btf):
+        kept = wanted.reshape(source.shape[:2])[:, :, None, None, None]
+        return replace(source, reflectance=np.where(kept, source.reflectance, np.float32(np.nan)))
+    return replace(
+        source,
+        reflectance_cos=source.reflectance_cos[wanted],
+        variance=source.variance[wanted],
+        light_directions=source.light_directions[wanted],
+        light_distances=source.light_distances[wanted],
+    )
+
+
+def arm_sphere(sample: str, size: int, seed: int) -> Samples:
+    """A sphere under the twelve places of the LED arm, 0.6 m away; every third light is held out."""
+    azimuths = [*range(-60, 0, 10), *range(10, 70, 10)]
+    lights_m = np.stack([0.6 * direction(np.radians(azimuth), 0.0) for azimuth in azimuths])
+    return _sphere(f"{sample}, arm", lights_m, 1.1 * direction(0.0, 0.0), size, seed)
+
+
+def dome_sphere(sample: str, size: int, seed: int) -> Samples:
+    """A sphere seen from above under 48 places of four lamps of the light arc, 0.9 m away; every third is held out."""
+    places = [(elevation, azimuth) for elevation in (20, 40, 60, 80) for azimuth in range(15, 360, 30)]
+    lights_m = np.stack([0.9 * direction(np.radians(azimuth), np.radians(elevation)) for elevation, azimuth in places])
+    return _sphere(f"{sample}, dome", lights_m, 1.0 * direction(0.0, np.radians(88.0)), size, seed)
+
+
+def _sphere(name: str, lights_m: Array, eye_m: Array, size: int, seed: int) -> Samples:
+    true = reflectance_maps(name.split(",")[0], seed, lights_m, eye_m, size).astype(np.float64)
     noisy, variance = photographed(true, np.random.default_rng((seed, len(lights_m))))
-    radius_m = scene.layout.radius_m
     distance_m = np.linalg.norm(lights_m, axis=1)
     maps = ReflectanceMaps(
-        noisy.reshape(-1, size, size, 3).astype(np.float32),
-        variance.reshape(-1, size, size, 3).astype(np.float32),
-        lights_m / distance_m[:, None] @ map_from_rig.T,
-        distance_m / radius_m,
-        float(np.linalg.norm(eye_m)) / radius_m,
+        noisy.astype(np.float32),
+        variance.astype(np.float32),
+        lights_m / distance_m[:, None] @ camera_axes(eye_m),
+        distance_m / SPHERE_RADIUS_M,
+        float(np.linalg.norm(eye_m)) / SPHERE_RADIUS_M,
     )
-    frames = tangent_frames(sphere_normals(size)).reshape(-1, 3, 3)
-    light = np.einsum("tij,dtj->dti", frames, maps.lights().reshape(len(true), -1, 3))
-    view = np.einsum("tij,tj->ti", frames, maps.views().reshape(-1, 3))[None]
-    lit = light[..., 2:] > 0
-    known = [np.where(lit, values, np.nan) for values in (true, noisy)]
-    return Samples(name, *known, light, view, (size, size), maps)
+    found = sphere_measurements(maps)
+    values = (_lit(some.reshape(len(true), -1, 3), found.light) for some in (true, noisy))
+    held = np.arange(len(true)) % 3 == 1
+    return Samples(name, *values, found.light, found.view, (size, size), maps, held)
 
 
-def arm_m(count: int = 12) -> Array:
-    """Lights of the LED arm (count, 3), from -60 to 60 deg without the middle, 0.6 m away, at the camera's height."""
-    half = np.linspace(60, 120 / count, count // 2)
-    return np.stack([0.6 * direction(np.radians(azimuth), 0.0) for azimuth in [*-half, *half[::-1]]])
+def far_btf(sample: str, texels: int, rays: int, every: int, seed: int) -> Samples:
+    """One period of a sample for every n-th of the 81 directions; a random half of the pairs is held out."""
+    lights, views = bonn_directions()[::every], bonn_directions()[1::every]
+    reflectance = btf_below(sample, seed, (lights, views), texels, rays, DEPTHS_M[sample])
+    cosine = lights[:, 2][:, None, None, None, None]
+    rng = np.random.default_rng((seed, texels))
+    noisy, _ = photographed(reflectance * cosine, rng)
+    btf = Btf((noisy / cosine).astype(np.float32), lights, views)
+    light, view = np.repeat(lights, len(views), axis=0)[:, None], np.tile(views, (len(lights), 1))[:, None]
+    values = (some.reshape(len(light), -1, 3) for some in ((reflectance * cosine).astype(np.float32), noisy))
+    held = rng.permutation(len(light)) < len(light) // 2
+    return Samples(sample, *values, light, view, (texels, texels), btf, held)
 
 
-def dome_m(elevations_deg: Sequence[float], azimuths: int) -> Array:
-    """Lights of the arc (elevation x azimuth, 3), 0.9 m away."""
-    places = [(e, 360 / azimuths * (a + 0.5)) for e in elevations_deg for a in range(azimuths)]
-    return np.stack([0.9 * direction(np.radians(azimuth), np.radians(elevation)) for elevation, azimuth in places])
+def bonn_directions() -> Array:
+    """81 directions (81, 3), those of the BTFs of the University of Bonn (Sattler, Sarlette and Klein 2003)."""
+    rings = ((0, 1), (15, 6), (30, 12), (45, 18), (60, 20), (75, 24))
+    return np.stack([
+        direction(2 * np.pi * step / count, np.radians(90.0 - polar)) for polar, count in rings for step in range(count)
+    ])  # fmt: skip
 
 
 def photographed(true: Array, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -105,8 +138,14 @@ def photographed(true: Array, rng: np.random.Generator) -> tuple[Array, Array]:
 
 def _variance(value: Array) -> Array:
     electrons_per_s = np.maximum(value, 0.0) * ELECTRONS_PER_RADIANCE
-    unclipped = electrons_per_s[..., None] * EXPOSURES_S < FULL_WELL_E
-    unclipped[..., 0] = True
-    time_s = unclipped @ EXPOSURES_S
-    read_e2 = READ_NOISE_E**2 * unclipped.sum(axis=-1)
-    return np.asarray((electrons_per_s * time_s + read_e2) / (time_s * ELECTRONS_PER_RADIANCE) ** 2)
+    time_s, frames = np.zeros(value.shape), np.zeros(value.shape)
+    for number, exposure_s in enumerate(EXPOSURES_S):
+        unclipped = electrons_per_s * exposure_s < FULL_WELL_E if number else np.ones(value.shape, bool)
+        time_s += exposure_s * unclipped
+        frames += unclipped
+    electrons = electrons_per_s * time_s + READ_NOISE_E**2 * frames
+    return np.asarray(electrons / (time_s * ELECTRONS_PER_RADIANCE) ** 2)
+
+
+def _lit(values: Array, light: Array) -> Array:
+    return np.where(light[..., 2:] > 0, values, np.nan)

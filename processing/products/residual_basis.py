@@ -50,7 +50,7 @@ _NAMES = {
     ResidualBasis.HALF_LIGHT: ("H.t", "H.b", "H.n", "L.n", "1"),
     ResidualBasis.BIQUADRATIC: ("1", "L.t", "L.b", "L.tt", "L.tb", "L.bb"),
     ResidualBasis.HEMISPHERICAL: ("00", "1-1", "10", "11", "2-2", "2-1", "20", "21", "22"),
-    ResidualBasis.BILINEAR: tuple(f"L.{light} V.{view}" for light in "tbn" for view in "tbn"),
+    ResidualBasis.BILINEAR: tuple(f"LV.{light}{view}" for light in "tbn" for view in "tbn"),
 }
 
 

@@ -1,137 +1,107 @@
 """Representations of a material, each fitted to the same noisy samples and asked for any direction's values."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
-from processing.materials.measurements import sphere_measurements
-from processing.materials.srf import fit_phong, fit_phong_per_direction, fit_srf
-from processing.products import BlinnPhong, ResidualBasis, Srf
+from processing.materials.measurements import mean_over_texels
+from processing.materials.phong import LobeSamples, fit_blinn_phong
+from processing.materials.srf import SrfFit, fit_phong_per_direction, fit_srf, fit_srf_to_btf
+from processing.products import Btf, Lobe, ReflectanceMaps, ResidualBasis
 from tests.benchmarks.yardsticks.material_samples import Samples
 
 Array = NDArray[Any]
 Predict = Callable[[Samples], Array]
-FLOAT = 4  # bytes of a value as stored
+Fit = Callable[[Samples], tuple[Predict, int]]
+_BYTES = 4  # of a value as stored
+_LOBE = 7  # values of a round lobe
+_NEAR = 24  # pairs of light and view that a vector of the SVD is interpolated from
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A method's answer for any directions of the same texels, its stored size and the time of its fit."""
+    """A method's answer for any directions of the same texels, its size with four bytes to a value, its fit's time."""
 
     method: str
     predict: Predict
-    values: int
+    size_bytes: int
     seconds: float
 
-    @property
-    def bytes(self) -> int:
-        """Size with four bytes to a value."""
-        return self.values * FLOAT
 
-
-def fit_all(samples: Samples) -> list[Fitted]:
-    """Every method on these samples."""
-    return [_timed(name, fit, samples) for name, fit in METHODS.items()]
-
-
-def _timed(name: str, fit: Callable[[Samples], tuple[Predict, int]], samples: Samples) -> Fitted:
+def fitted(name: str, fit: Fit, samples: Samples) -> Fitted:
+    """A method on these samples."""
     begun_s = time.perf_counter()
     predict, values = fit(samples)
-    return Fitted(name, predict, values, time.perf_counter() - begun_s)
+    return Fitted(name, predict, _BYTES * values, time.perf_counter() - begun_s)
 
 
-def _constant(samples: Samples) -> tuple[Predict, int]:
+def constant(samples: Samples) -> tuple[Predict, int]:
+    """One colour."""
     mean = np.nanmean(samples.measured, axis=(0, 1))
     return lambda asked: np.broadcast_to(mean, asked.true.shape), 3
 
 
-def _phong(samples: Samples) -> tuple[Predict, int]:
-    lobe = fit_phong(sphere_measurements(samples.source)).phong
-    return lambda asked: _lobe(lobe, asked), 7
+def phong(samples: Samples) -> tuple[Predict, int]:
+    """The single lobe of least squared error: all samples count alike, as in the error that is reported."""
+    lobe = _least_squares_lobe(samples)
+    return partial(_lobe_values, lobe), _LOBE
 
 
-def _texel_mean(samples: Samples) -> tuple[Predict, int]:
-    mean = np.nanmean(samples.measured, axis=0)
+def texel_mean(samples: Samples) -> tuple[Predict, int]:
+    """A colour for each texel."""
+    mean = np.nan_to_num(np.nanmean(samples.measured, axis=0))
     return lambda asked: np.broadcast_to(mean, asked.true.shape), mean.size
 
 
-def _ptm(samples: Samples) -> tuple[Predict, int]:
-    basis = ResidualBasis.BIQUADRATIC
-    coefficients = _least_squares(samples, basis)
-    return lambda asked: np.einsum("dtk,tck->dtc", _functions(basis, asked), coefficients), coefficients.size
+def polynomial(basis: ResidualBasis, samples: Samples) -> tuple[Predict, int]:
+    """A sum of a basis' functions for each texel, without a lobe; a PTM with the biquadratic one."""
+    return _of_srf(_fit(samples, _NO_LOBE, basis))
 
 
-def _least_squares(samples: Samples, basis: ResidualBasis) -> Array:
-    """Shortest coefficients (texel, channel, k) of the values themselves over the functions of a basis."""
-    functions = _functions(basis, samples)
-    valid = np.isfinite(samples.measured)
-    gram = np.einsum("dtc,dti,dtj->tcij", valid.astype(float), functions, functions, optimize=True)
-    right = np.einsum("dtc,dti->tci", np.where(valid, samples.measured, 0.0), functions, optimize=True)
-    return np.einsum("tcij,tcj->tci", np.linalg.pinv(gram, rcond=1e-6, hermitian=True), right)
+def srf_averaged(samples: Samples) -> tuple[Predict, int]:
+    """The paper's: the mean of the lobes of single directions, and s . H."""
+    return _of_srf(_fit(samples, _averaged_lobe(samples), ResidualBasis.HALF))
 
 
-def _srf_averaged(samples: Samples) -> tuple[Predict, int]:
-    lobe, _ = fit_phong_per_direction(sphere_measurements(samples.source))
-    return _of_srf(fit_srf(samples.source, lobe).srf)
+def srf_joint(basis: ResidualBasis, samples: Samples) -> tuple[Predict, int]:
+    """One lobe found together with the residuals of a basis."""
+    return _of_srf(_fit(samples, None, basis))
 
 
-def _srf_joint(samples: Samples) -> tuple[Predict, int]:
-    lobe = fit_phong(sphere_measurements(samples.source)).phong
-    return _of_srf(fit_srf(samples.source, lobe).srf)
+def svd(rank: int, samples: Samples) -> tuple[Predict, int]:
+    """The strongest terms of the matrix of samples; between directions their vectors are interpolated."""
+    filled = np.nan_to_num(samples.measured).reshape(len(samples.measured), -1)
+    eigenvalues, left = np.linalg.eigh(filled @ filled.T)
+    left = left[:, np.argsort(eigenvalues)[::-1][:rank]]
+    maps = left.T @ filled
+    places = _places(samples)
+    between = RBFInterpolator(places, left, neighbors=min(_NEAR, len(places)), kernel="linear", degree=0)
+    return lambda asked: (between(_places(asked)) @ maps).reshape(asked.true.shape), rank * sum(filled.shape)
 
 
-def _of_srf(srf: Srf) -> tuple[Predict, int]:
-    channels, height, width, size = srf.residual.shape
-    texels = np.nan_to_num(srf.residual.astype(np.float64)).reshape(channels, height * width, size)
-
-    def predict(asked: Samples) -> Array:
-        residual = np.einsum("dtk,ctk->dtc", _functions(srf.basis, asked), texels, optimize=True)
-        return _lobe(srf.phong, asked) + residual
-
-    return predict, srf.residual.size + 7
-
-
-def _svd(samples: Samples) -> tuple[Predict, int]:
-    """Rank 3 over the directions, as large as s . H; between directions its vectors are interpolated."""
-    rank = 3
-    known = np.isfinite(samples.measured)
-    filled = np.where(known, samples.measured, 0.0).reshape(len(known), -1)
-    left, singular, right = np.linalg.svd(filled, full_matrices=False)
-    weights = left[:, :rank] * singular[:rank]
-    between = RBFInterpolator(_places(samples), weights, kernel="linear", degree=0)
-
-    def predict(asked: Samples) -> Array:
-        return (between(_places(asked)) @ right[:rank]).reshape(asked.true.shape)
-
-    return predict, rank * (filled.shape[1] + len(filled))
-
-
-def _places(samples: Samples) -> Array:
-    """One point for each direction: the light of the middle texel."""
-    return np.asarray(samples.source.light_directions)
-
-
-def _lobe(lobe: BlinnPhong, asked: Samples) -> Array:
-    light, view = np.broadcast_arrays(asked.light, asked.view)
-    return lobe.evaluate(light.reshape(-1, 3), view.reshape(-1, 3)).reshape(*light.shape[:2], 3)
-
-
-def _functions(basis: ResidualBasis, asked: Samples) -> Array:
-    light, view = np.broadcast_arrays(asked.light, asked.view)
-    return basis.evaluate(light.reshape(-1, 3), view.reshape(-1, 3)).reshape(*light.shape[:2], basis.size)
-
-
-METHODS: dict[str, Callable[[Samples], tuple[Predict, int]]] = {
-    "constant": _constant,
-    "Phong": _phong,
-    "mean per texel": _texel_mean,
-    "PTM": _ptm,
-    "SRF, averaged lobes": _srf_averaged,
-    "SRF, joint lobe": _srf_joint,
-    "SVD": _svd,
+METHODS: Mapping[str, Fit] = {
+    "constant": constant,
+    "Phong": phong,
+    "mean per texel": texel_mean,
+    "PTM": partial(polynomial, ResidualBasis.BIQUADRATIC),
+    "SRF, averaged lobes": srf_averaged,
+    "SRF, joint lobe": partial(srf_joint, ResidualBasis.HALF),
+    "SVD": partial(svd, 3),  # 9 values a texel, as s . H
 }
+
+
+@dataclass(frozen=True)
+class _NoLobe:
+    pass
+
+
+def _fit(samples: Samples, lobe: Lobe | None, basis: ResidualBasis) -> SrfFit:
+    if isinstance(samples.source, Btf):
+        return fit_srf_to_btf(samples.source, lobe, basis)
+    return fit_srf(samples.source, lobe, basis)

@@ -94,7 +94,7 @@ def _above(places: Array, view: Array, depth_m: float, period_m: float) -> Array
     """Where the rays to points that lie depth_m under `places` cross z = 0, within the middle period."""
     if depth_m == 0.0:
         return places
-    starts = places + np.append(view[:2] / view[2] * depth_m, 0.0)
+    starts: Array = places + np.append(view[:2] / view[2] * depth_m, 0.0)
     starts[:, :2] = (starts[:, :2] + period_m / 2) % period_m - period_m / 2
     return starts
 

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
-from processing.materials.measurements import mean_over_texels
 from processing.materials.phong import LobeSamples, fit_blinn_phong
-from processing.materials.srf import SrfFit, fit_phong_per_direction, fit_srf, fit_srf_to_btf
-from processing.products import Btf, Lobe, ReflectanceMaps, ResidualBasis
+from processing.materials.srf import SrfFit, fit_phong_per_direction, fit_phong_to_btf, fit_srf, fit_srf_to_btf
+from processing.products import BlinnPhong, Btf, Lobe, ResidualBasis
 from tests.benchmarks.yardsticks.material_samples import Samples
 
 Array = NDArray[Any]
@@ -21,6 +20,7 @@ Predict = Callable[[Samples], Array]
 Fit = Callable[[Samples], tuple[Predict, int]]
 _BYTES = 4  # of a value as stored
 _LOBE = 7  # values of a round lobe
+_NO_LOBE = BlinnPhong(np.zeros(3), np.zeros(3), 1.0)
 _NEAR = 24  # pairs of light and view that a vector of the SVD is interpolated from
 
 
@@ -96,12 +96,52 @@ METHODS: Mapping[str, Fit] = {
 }
 
 
-@dataclass(frozen=True)
-class _NoLobe:
-    pass
-
-
 def _fit(samples: Samples, lobe: Lobe | None, basis: ResidualBasis) -> SrfFit:
+    fit = fit_srf_to_btf if isinstance(samples.source, Btf) else fit_srf
+    return fit(samples.source, lobe, basis)
+
+
+def _averaged_lobe(samples: Samples) -> Lobe:
+    """Of a BTF the lobe of the mean over its texels."""
     if isinstance(samples.source, Btf):
-        return fit_srf_to_btf(samples.source, lobe, basis)
-    return fit_srf(samples.source, lobe, basis)
+        return fit_phong_to_btf(samples.source).phong
+    return fit_phong_per_direction(samples.measurements)[0]
+
+
+def _least_squares_lobe(samples: Samples) -> Lobe:
+    """Where all texels have the same directions that of their mean is that of all."""
+    if isinstance(samples.source, Btf):
+        return fit_phong_to_btf(samples.source).phong
+    found = samples.measurements.lobe_samples(np.zeros(3))
+    return fit_blinn_phong(LobeSamples(found.value, found.cos_light, found.cos_half)).phong
+
+
+def _of_srf(fit: SrfFit) -> tuple[Predict, int]:
+    srf = fit.srf
+    channels, height, width, size = srf.residual.shape
+    texels = np.nan_to_num(srf.residual).reshape(channels, height * width, size)
+
+    def predict(asked: Samples) -> Array:
+        residual = np.einsum("dtk,ctk->dtc", _functions(srf.basis, asked), texels, optimize=True)
+        return _lobe_values(srf.phong, asked) + residual
+
+    return predict, srf.residual.size + (0 if srf.phong is _NO_LOBE else _LOBE)
+
+
+def _places(samples: Samples) -> Array:
+    """A point for each direction: light and view of the middle texel, on the disc below them."""
+    middle = samples.light.shape[1] // 2
+    view = np.broadcast_to(samples.view[:, middle % samples.view.shape[1]], (len(samples.light), 3))
+    return np.concatenate([samples.light[:, middle, :2], view[:, :2]], axis=1)
+
+
+def _lobe_values(lobe: Lobe, asked: Samples) -> Array:
+    light, view = np.broadcast_arrays(asked.light, asked.view)
+    return lobe.evaluate(light.reshape(-1, 3), view.reshape(-1, 3)).reshape(light.shape)
+
+
+def _functions(basis: ResidualBasis, asked: Samples) -> Array:
+    """Values (direction, texel, k), the texels' axis repeated where all have the same directions."""
+    light, view = np.broadcast_arrays(asked.light, asked.view)
+    values = basis.evaluate(light.reshape(-1, 3), view.reshape(-1, 3)).reshape(*light.shape[:2], basis.size)
+    return np.broadcast_to(values, (len(values), asked.true.shape[1], basis.size))

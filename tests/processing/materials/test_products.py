@@ -156,6 +156,14 @@ def test_harmonics_are_orthonormal_over_the_hemisphere():
     np.testing.assert_allclose(2 * np.pi * values.T @ values / len(light), np.eye(9), atol=1e-4)
 
 
+def test_bilinear_functions_trade_places_with_light_and_view(hemisphere):
+    """Any matrix S makes L . S V of them, and the transposed one the same with light and view exchanged."""
+    view, form = hemisphere[::-1], np.arange(9.0).reshape(3, 3) ** 2
+    there, back = (ResidualBasis.BILINEAR.evaluate(*ways) for ways in ((hemisphere, view), (view, hemisphere)))
+    np.testing.assert_allclose(there @ form.ravel(), np.einsum("ni,ij,nj->n", hemisphere, form, view))
+    np.testing.assert_allclose(there @ form.ravel(), back @ form.T.ravel())
+
+
 @pytest.mark.parametrize("turn_rad", [0.0, 0.7, -2.0])
 def test_equal_exponents_are_the_round_lobe(hemisphere, turn_rad):
     round_lobe = BlinnPhong(LOBE.diffuse, LOBE.specular, 30.0)

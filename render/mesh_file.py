@@ -1,14 +1,17 @@
 """Meshes from OBJ, PLY, GLB and whatever else trimesh reads."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
 
 from render.arrays import Float64, Int32, Rows, dot, unit
 from render.errors import MeshError
-from render.mesh import Mesh, angle_weighted_normals, mesh_from_uv
+from render.mesh import Mesh, angle_weighted_normals, mesh_from_uv, perpendicular
 
+# The name under which trimesh hands on what the file calls TANGENT; our files carry it under both.
+_TANGENT = "_TANGENT"
 # Vertices at one place share a smooth normal unless theirs lies farther than 37 degrees from it: then it is an edge.
 _SMOOTH_COSINE = 0.8
 
@@ -16,8 +19,9 @@ _SMOOTH_COSINE = 0.8
 def load_mesh(path: Path, *, tiles: tuple[float, float] = (1.0, 1.0)) -> Mesh:
     """A mesh from a file, its texture repeated `tiles` times.
 
-    Without texture coordinates in the file the texture is laid on from the six sides of the bounding box. A closed mesh
-    that is wound inside out is turned. Raises MeshError where the file is missing, unreadable or holds no triangles.
+    Without texture coordinates in the file the texture is laid on from the six sides of the bounding box. Normals and
+    tangents follow the facets and the texture, unless `save_mesh` wrote the file. A closed mesh that is wound inside
+    out is turned. Raises MeshError where the file is missing, unreadable or holds no triangles.
     """
     loaded = _read(path)
     positions = np.asarray(loaded.vertices, dtype=np.float64)
@@ -33,7 +37,35 @@ def load_mesh(path: Path, *, tiles: tuple[float, float] = (1.0, 1.0)) -> Mesh:
     else:
         # trimesh hands out v upward whatever the file format says; ours runs downward.
         uv = np.column_stack([uv[:, 0], 1.0 - uv[:, 1]])
+        tangents = np.asarray(loaded.vertex_attributes.get(_TANGENT, ()), dtype=np.float64)
+        if tangents.shape == (len(positions), 4):
+            # Charts cut such a mesh anywhere: normals made anew would show an edge where it is only cut.
+            normals = unit(loaded.vertex_normals)
+            frames = np.column_stack([perpendicular(tangents[:, :3], normals), np.sign(tangents[:, 3])])
+            return Mesh(positions, normals, frames, uv * np.asarray(tiles), triangles)
     return mesh_from_uv(positions, normals, np.asarray(uv * np.asarray(tiles), dtype=np.float64), triangles)
+
+
+def save_mesh(path: Path, mesh: Mesh) -> None:
+    """Write a GLB with normals, texture coordinates and tangents, which keep the frame that a material was made in."""
+    uv = np.column_stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]])
+    written = trimesh.Trimesh(
+        mesh.positions,
+        mesh.triangles,
+        vertex_normals=mesh.normals,
+        vertex_attributes={_TANGENT: mesh.tangents.astype(np.float32)},
+        visual=trimesh.visual.TextureVisuals(uv=uv),
+        process=False,
+    )
+    content = trimesh.Scene(written).export(file_type="glb", include_normals=True, tree_postprocessor=_name_tangents)
+    path.write_bytes(content)
+
+
+def _name_tangents(tree: dict[str, Any]) -> None:
+    """Say in glTF's own word what the tangents are: trimesh writes only attributes that begin with an underscore."""
+    for mesh in tree["meshes"]:
+        for primitive in mesh["primitives"]:
+            primitive["attributes"]["TANGENT"] = primitive["attributes"][_TANGENT]
 
 
 def _read(path: Path) -> trimesh.Trimesh:

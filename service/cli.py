@@ -174,6 +174,24 @@ def preview(
 
 
 @app.command()
+def drape(
+    product: Annotated[Path, typer.Argument(metavar="SRF", help="Folder of an SRF.")],
+    mesh: Annotated[str, typer.Argument(help="A mesh file (OBJ, PLY, GLB), or sphere, torus, vase.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the SRF made for this mesh, and the mesh.")],
+    repeats: Annotated[
+        float, typer.Option(help="Widths of the sample that go into the mesh's longest side.", min=0.1, max=100)
+    ] = 3.0,
+    size: Annotated[int, typer.Option(help="Texels on a side of the texture, about at most.", min=64, max=8192)] = 1024,
+    seed: Annotated[int, typer.Option(help="Of the choice between places that fit alike.")] = 0,
+) -> None:
+    """Grow an SRF over a mesh without seams, from patches of the sample that fit their neighbours."""
+    from service import draping
+
+    with reported_errors():
+        tell(draping.drape_product(product, mesh, out, repeats, size, seed))
+
+
+@app.command()
 def merge(
     files: Annotated[list[Path], typer.Argument(help="Bracketed photographs: RAW or DNG, or JPEG with EXIF.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Linear picture to write (.exr).")],

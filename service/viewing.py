@@ -24,8 +24,13 @@ from service.pictures import STILL, check_still, draw_btf, draw_displacements, d
 
 ANIMATED = (".webp", ".gif", ".apng")
 FRAMES = 24
+<<<<<<< HEAD
 # Pictures under these lie within 3 % (rms, of the mean) of those under all pixels: `rig bench srf`.
 ENVIRONMENT_LIGHTS = 64
+=======
+SKIN_MESH = "mesh.glb"  # beside an SRF that was made for this mesh alone
+SHAPES: dict[str, Callable[[], Mesh]] = {"sphere": sphere, "plane": plane, "torus": torus, "vase": vase}
+>>>>>>> 303a9b0 (rig drape: an SRF synthesised over a mesh, with tangents in its GLB; previews draw it)
 MAPS = {"mdf": draw_displacements, "btf": draw_btf, "reflectance_maps": draw_reflectance_maps, "sensor": draw_sensor}
 
 
@@ -45,6 +50,29 @@ def load_material(folder: Path) -> Material:
     if kind == "factored_btf":
         return FactoredBtf.load(folder)
     raise ImageError(f"{folder}: a {kind} cannot be drawn on a shape; an srf or a factored_btf can.")
+
+
+def is_skin(folder: Path) -> bool:
+    """Whether the product was made for one mesh, which lies beside it."""
+    return (folder / SKIN_MESH).is_file()
+
+
+def mesh_named(name: str) -> Mesh:
+    """One of the meshes that need no file, or a mesh file. Raises MeshError where that cannot be read."""
+    return SHAPES[name]() if name in SHAPES else load_mesh(Path(name))
+
+
+def shown_on(product: Path, shape: str) -> tuple[Material, Mesh]:
+    """The material of a product folder with its mesh: a skin's own, else that of `shape_for`.
+
+    Raises ImageError where a skin is to be drawn on another mesh.
+    """
+    material = load_material(product)
+    if not is_skin(product):
+        return shape_for(material, shape)
+    if shape:
+        raise ImageError(f"{product}: a skin fits the mesh that it was made for; leave --shape out")
+    return material, load_mesh(product / SKIN_MESH)
 
 
 def shape_for(material: Material, name: str) -> tuple[Material, Mesh]:
@@ -73,8 +101,13 @@ def draw_product(product: Path, out: Path, shape: str, lights: tuple[Light, ...]
     its own; of a BTF, MDF or reflectance maps what was measured.
     """
     if not out.suffix:
+<<<<<<< HEAD
         if len(lights) > 1:
             raise SceneError(f"{out}: an environment lights a picture (.png) or a moving light (.webp), not a folder")
+=======
+        if is_skin(product):
+            raise ImageError(f"{out}: a skin is drawn on its mesh alone; name a picture (.png, .jpg, .webp or .gif)")
+>>>>>>> 303a9b0 (rig drape: an SRF synthesised over a mesh, with tangents in its GLB; previews draw it)
         galleries = write_showcase(load_material(product), out, size=(size, size))
         return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
     if (kind := kind_of(product)) in MAPS:
@@ -85,8 +118,13 @@ def draw_product(product: Path, out: Path, shape: str, lights: tuple[Light, ...]
     ending = out.suffix.lower()
     if ending not in ANIMATED + STILL:
         raise ImageError(f"{out}: a picture is .png or .jpg, a moving light .webp or .gif; no suffix means a folder.")
+<<<<<<< HEAD
     material, mesh = shape_for(load_material(product), shape)
     scene = _scene(material, mesh, lights, size)
+=======
+    material, mesh = shown_on(product, shape)
+    scene = _scene(material, mesh, light_deg, size)
+>>>>>>> 303a9b0 (rig drape: an SRF synthesised over a mesh, with tangents in its GLB; previews draw it)
     with Preview((size, size)) as preview, replaced(out) as part:
         if ending in ANIMATED:
             _draw_moving_light(preview, scene, part)

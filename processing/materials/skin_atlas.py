@@ -111,7 +111,9 @@ def _cover(corner_uv: Float64, shape: tuple[int, int]) -> tuple[Int32, Float64]:
                     near = 0.0
                 else:
                     near = min(
-                        _to_segment(x, y, b - a), _to_segment(x, y, c - a), _to_segment(x - b[0] + a[0], y - b[1] + a[1], c - b)
+                        _to_segment(x, y, b - a),
+                        _to_segment(x, y, c - a),
+                        _to_segment(x - b[0] + a[0], y - b[1] + a[1], c - b),
                     )
                 # Beside a sliver its coordinates run away; another triangle or none has that texel.
                 if near < distance[row, column] and max(abs(second), abs(third), abs(1 - second - third)) < 4.0:
@@ -127,4 +129,4 @@ def _to_segment(x: float, y: float, side: Float64) -> float:
     """Squared distance of (x, y) to the segment from the origin to `side`."""
     along = (x * side[0] + y * side[1]) / max(side[0] ** 2 + side[1] ** 2, 1e-30)
     along = min(max(along, 0.0), 1.0)
-    return (x - along * side[0]) ** 2 + (y - along * side[1]) ** 2
+    return float((x - along * side[0]) ** 2 + (y - along * side[1]) ** 2)

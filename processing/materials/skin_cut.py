@@ -4,6 +4,7 @@ from math import atan2, ceil, hypot, pi
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, uniform_filter
 
 from processing.products.arrays import Float64
@@ -26,7 +27,7 @@ def least_cut(error: Float64, mask: Float64, reach: float) -> Float64:
     covered = uniform_filter(mask, 3, mode="constant")
     smooth = uniform_filter(error * mask, 3, mode="constant") / np.maximum(covered, 1e-12)
     there = covered > 0.2
-    free = _FREE * float(smooth[there].mean()) if there.any() else 1.0
+    free = _FREE * (float(smooth[there].mean()) if there.any() else 0.0) or 1.0
     radii = np.arange(_INNERMOST * reach, reach + 1e-9, (1 - _INNERMOST) * reach / ceil((1 - _INNERMOST) * reach))
     angle = 2.0 * pi * np.arange(_ANGLES) / _ANGLES
     middle = 0.5 * (len(error) - 1)
@@ -34,12 +35,13 @@ def least_cut(error: Float64, mask: Float64, reach: float) -> Float64:
     places = np.stack([middle - np.outer(np.sin(angle), radii), middle + np.outer(np.cos(angle), radii)])
     covering = map_coordinates(there.astype(np.float64), places, order=1, mode="nearest")
     value = map_coordinates(np.where(there, smooth, 0.0), places, order=1, mode="nearest")
-    outward = free * (2.0 - radii / reach)
-    return radii[_closed_path((value + (1.0 - covering) * outward + 1e-3 * free) * radii)]
+    outward = free * (3.0 * reach - 2.0 * radii)  # falls, although a longer line is counted
+    cost = value * radii + (1.0 - covering) * outward
+    return np.asarray(radii[_closed_path(cost)])
 
 
 @numba.njit(cache=True)
-def _closed_path(cost: Float64) -> Float64:
+def _closed_path(cost: Float64) -> NDArray[np.int64]:
     """Columns (n,) of the cheapest path through all rows of `cost` (n, k) that ends where it began."""
     rows, columns = cost.shape
     best, best_path = np.inf, np.zeros(rows, np.int64)
@@ -70,4 +72,4 @@ def share_within(x: float, y: float, radii: Float64, feather: float) -> float:
     low = int(turn)
     part = turn - low
     line = (1.0 - part) * radii[low % len(radii)] + part * radii[(low + 1) % len(radii)]
-    return min(max(0.5 + (line - hypot(x, y)) / feather, 0.0), 1.0)
+    return float(min(max(0.5 + (line - hypot(x, y)) / feather, 0.0), 1.0))

@@ -15,14 +15,15 @@ _COMPONENTS = 4
 # Offsets whose error is within a tenth of the best are alike (Efros and Freeman 2001, 2.1).
 _TOLERANCE = 0.1
 _ELEVATIONS_RAD = np.radians([35.0, 65.0])
+_VIEWS = [-1, 4, 5, 6, 7]  # among the lights: straight above, and the steep ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
     """Residuals as an image, `coefficients` (h, w, 3 k), and what the eye sees of them, `appearance` (h, w, 4).
 
-    Appearance is the radiance under nine lights seen from straight above, in its four principal components, scaled to
-    unit variance in all: one measure of difference whatever the basis. `seen` (3 k, 4) takes coefficients to it.
+    Appearance is the radiance under nine lights from five sides, in its four principal components, scaled to unit
+    variance in all: one measure of difference whatever the basis. `seen` (3 k, 4) takes coefficients to it.
     """
 
     coefficients: Float32
@@ -56,6 +57,7 @@ class Fitter:
     """
 
     def __init__(self, example: Example, cells: int) -> None:
+        self.example, self.cells = example, cells
         self._image = example.cells.astype(np.float64)
         self._shape = self._image.shape[:2]
         self._spectrum = fft.rfft2(self._image, axes=(0, 1))
@@ -86,11 +88,13 @@ def _principal(srf: Srf, coefficients: Float32) -> Float64:
     across = np.cos(level)
     light = np.column_stack([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(level)])
     light = np.concatenate([light, [[0.0, 0.0, 1.0]]])
-    functions = srf.basis.evaluate(light, np.broadcast_to([0.0, 0.0, 1.0], light.shape))
-    seen = np.kron(np.eye(3), functions.T)  # (3 k, 3 lights)
+    views = light[_VIEWS]
+    functions = srf.basis.evaluate(np.tile(light, (len(views), 1)), np.repeat(views, len(light), axis=0))
+    seen = np.kron(np.eye(3), functions.T)  # (3 k, 3 lights x views)
     flat = coefficients.reshape(-1, coefficients.shape[-1]).astype(np.float64)
     covariance = seen.T @ np.cov(flat, rowvar=False) @ seen
     variance, axes = np.linalg.eigh(covariance)
     largest = axes[:, -_COMPONENTS:]
-    scale = np.sqrt(max(float(variance[-_COMPONENTS:].sum()), 1e-300))
-    return np.asarray(seen @ largest / scale)
+    total = float(variance[-_COMPONENTS:].sum())
+    # An example that looks the same everywhere fits everywhere.
+    return np.asarray(seen @ largest / (np.sqrt(total) if total > 0.0 else np.inf))

@@ -4,7 +4,7 @@ import numpy as np
 from scipy import sparse
 
 from processing.materials.skin_solver import conjugate_gradients
-from processing.materials.skin_surface import Surface, directed_edges
+from processing.materials.skin_surface import Int32, Surface, directed_edges
 from processing.products.arrays import Float64
 
 # b runs toward +Z; where that is the normal, as on a plate that lies flat, toward +Y.
@@ -26,6 +26,8 @@ def tangent_field(surface: Surface, length: float) -> Float64:
     turn = _transport(normals, first, second, i, j)
     n = len(normals)
     mass = _vertex_areas(surface)
+    # The least share keeps vertices without triangles out of a division by zero.
+    mass = np.maximum(mass, 1e-9 * mass.max())
     diagonal = np.bincount(i, weights, n) + np.bincount(j, weights, n) + mass / length**2
     rows, columns = np.concatenate([i, j, np.arange(n)]), np.concatenate([j, i, np.arange(n)])
     values = np.concatenate([-weights * np.conj(turn), -weights * turn, diagonal])
@@ -46,8 +48,8 @@ def tangent_axes(normals: Float64) -> tuple[Float64, Float64]:
     return first, np.cross(normals, first)
 
 
-def _transport(normals: Float64, first: Float64, second: Float64, i: Float64, j: Float64) -> Float64:
-    """Unit complex numbers that take components at vertex i to those at vertex j by the least rotation of n_i to n_j."""
+def _transport(normals: Float64, first: Float64, second: Float64, i: Int32, j: Int32) -> Float64:
+    """Unit complex numbers that take components at vertices i to those at j by the least rotation of n_i to n_j."""
     ni, nj, along = normals[i], normals[j], first[i]
     # R v = v + (n_i x n_j) x v + (n_i x n_j) x ((n_i x n_j) x v) / (1 + n_i . n_j)
     axis = np.cross(ni, nj)
@@ -58,7 +60,7 @@ def _transport(normals: Float64, first: Float64, second: Float64, i: Float64, j:
     return np.asarray(turn / np.maximum(np.abs(turn), 1e-300))
 
 
-def _cotangents(surface: Surface, edges: Float64) -> Float64:
+def _cotangents(surface: Surface, edges: Int32) -> Float64:
     """Half the cotangents opposite to each edge, at least a hundredth: obtuse triangles would push instead of pull."""
     corners = surface.positions[surface.triangles]
     keys, values = [], []
@@ -78,4 +80,4 @@ def _vertex_areas(surface: Surface) -> Float64:
     """A third of the area of the triangles around each vertex."""
     a, b, c = (surface.positions[surface.triangles[:, k]] for k in range(3))
     third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
-    return np.bincount(surface.triangles.ravel(), np.repeat(third, 3), len(surface.positions))
+    return np.asarray(np.bincount(surface.triangles.ravel(), np.repeat(third, 3), len(surface.positions)), np.float64)

@@ -49,6 +49,10 @@ class Sheet(NamedTuple):
     triangle_mark: Int32
     member: Int32
 
+    def first(self, count: int) -> "Sheet":
+        """The same with no more than the texels that are filled."""
+        return self._replace(texel=self.texel[:count], xy=self.xy[:count], turn_rad=self.turn_rad[:count])
+
 
 def layout_of(surface: Surface, tangents: Float64, texels: Texels) -> Layout:
     """The arrays in the form that the kernels read."""
@@ -89,10 +93,11 @@ def _reach(layout: Layout, sheet: Sheet, seed: int, radius: float, number: int) 
     sheet.vertex_turn[seed] = 0.0
     # A triangle that begins within the radius is needed whole; no edge is longer than a quarter of it.
     limit = 1.3 * radius
-    heap = [(0.0, np.int64(seed))]
+    heap = [(0.0, np.int64(seed))]  # int32 neighbours and an int64 seed are one type in the heap
     count = 0
     while len(heap) > 0:
-        distance, vertex = heappop(heap)
+        distance, nearest = heappop(heap)
+        vertex = int(nearest)
         if sheet.vertex_mark[vertex] == number:
             continue
         if count > 0:
@@ -102,7 +107,7 @@ def _reach(layout: Layout, sheet: Sheet, seed: int, radius: float, number: int) 
         sheet.member[count] = vertex
         count += 1
         for k in range(layout.edge_start[vertex], layout.edge_start[vertex + 1]):
-            other = layout.edge[k]
+            other = int(layout.edge[k])
             if sheet.vertex_mark[other] != number:
                 x, y = _step(layout, sheet, vertex, other, vertex)
                 far = hypot(sheet.vertex_xy[vertex, 0] + x, sheet.vertex_xy[vertex, 1] + y)
@@ -118,7 +123,7 @@ def _place(layout: Layout, sheet: Sheet, vertex: int, number: int) -> None:
     """Put a vertex where its neighbours of this patch, on average, want it."""
     x, y, total = 0.0, 0.0, 0
     for k in range(layout.edge_start[vertex], layout.edge_start[vertex + 1]):
-        other = layout.edge[k]
+        other = int(layout.edge[k])
         if sheet.vertex_mark[other] == number and other != vertex:
             x0, y0 = _step(layout, sheet, other, vertex, other)
             x1, y1 = _step(layout, sheet, other, vertex, vertex)
@@ -229,4 +234,4 @@ def _is_flat(layout: Layout, sheet: Sheet, corners: Int32, number: int) -> bool:
 
 @numba.njit(cache=True)
 def _wrapped(angle_rad: float) -> float:
-    return angle_rad - 2.0 * pi * np.round(angle_rad / (2.0 * pi))
+    return float(angle_rad - 2.0 * pi * np.round(angle_rad / (2.0 * pi)))

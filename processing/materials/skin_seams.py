@@ -9,7 +9,7 @@ from processing.materials.skin_surface import Int32, directed_edges
 from processing.products.arrays import Float32, Float64
 from processing.products.texture import bilinear_taps
 
-# How much a texel's own value counts beside one sample of the border: little, so that jumps fall to about a hundredth.
+# How much a texel's own value counts beside one sample of the border: little, so that of jumps a tenth is left at most.
 _KEEP = 0.01
 
 

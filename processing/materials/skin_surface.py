@@ -52,7 +52,8 @@ def weld(positions: Float64, normals: Float64, triangles: Int32) -> tuple[Int32,
     np.add.at(total, place[used], normals[used])
     length = np.linalg.norm(total, axis=1, keepdims=True)
     # Normals that cancel, as on two sides of a sheet without thickness, leave any direction: one of them.
-    return place, positions[first], np.where(length > 1e-6, total / np.maximum(length, 1e-300), normals[first])
+    mean = np.where(length > 1e-6, total / np.maximum(length, 1e-300), normals[first])
+    return np.asarray(place, np.int32), positions[first], np.asarray(mean, np.float64)
 
 
 def refine(surface: Surface, longest: float) -> Surface:

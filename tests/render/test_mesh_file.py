@@ -1,12 +1,15 @@
 """Mesh files come in with texture downward, normals smooth, and one clear error for what is no mesh."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 
 from render.errors import MeshError
 from render.frames import vertex_frames
-from render.mesh_file import load_mesh
+from render.mesh_file import load_mesh, save_mesh
 from render.shapes import sphere, torus
 
 QUAD_OBJ = """\
@@ -115,3 +118,28 @@ def test_what_is_no_mesh_is_one_clear_error(tmp_path, name, content):
 def test_missing_file_is_one_clear_error(tmp_path):
     with pytest.raises(MeshError, match=r"nowhere\.obj: no such file"):
         load_mesh(tmp_path / "nowhere.obj")
+
+
+def test_written_mesh_keeps_its_frames(tmp_path):
+    """Also tangents that the texture does not have: here a third of a turn from it, mirrored on one half."""
+    original = torus(shape=(24, 48), tiles=(1.0, 1.0))
+    t, n = original.tangents[:, :3], original.normals
+    turned = np.cos(2.1) * t + np.sin(2.1) * np.cross(n, t)
+    sign = np.where(original.positions[:, 2:] > 0, 1.0, -1.0)
+    written = replace(original, tangents=np.hstack([turned, sign]))
+    save_mesh(tmp_path / "torus.glb", written)
+    loaded = load_mesh(tmp_path / "torus.glb")
+    np.testing.assert_array_equal(loaded.triangles, written.triangles)
+    np.testing.assert_allclose(loaded.uv, written.uv, atol=1e-6)
+    np.testing.assert_array_equal(loaded.tangents[:, 3], written.tangents[:, 3])
+    np.testing.assert_allclose(loaded.normals, written.normals, atol=1e-6)
+    np.testing.assert_allclose(loaded.tangents[:, :3], turned, atol=1e-6)
+
+
+def test_written_mesh_names_its_tangents_as_gltf_does(tmp_path):
+    save_mesh(tmp_path / "torus.glb", torus(shape=(4, 6)))
+    content = (tmp_path / "torus.glb").read_bytes()
+    header = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
+    attributes = header["meshes"][0]["primitives"][0]["attributes"]
+    assert {"POSITION", "NORMAL", "TEXCOORD_0", "TANGENT"} <= attributes.keys()
+    assert header["accessors"][attributes["TANGENT"]]["type"] == "VEC4"

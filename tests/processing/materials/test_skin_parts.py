@@ -1,0 +1,206 @@
+"""The parts of a skin against what is known: plain twins, flat and rolled surfaces, frames and lookups."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import sparse
+
+from processing.materials import skin_cut
+from processing.materials.skin_atlas import covered_texels, unwrap
+from processing.materials.skin_cut import least_cut
+from processing.materials.skin_example import Fitter, example_of
+from processing.materials.skin_field import tangent_field
+from processing.materials.skin_patch import empty_sheet, lay_flat, layout_of
+from processing.materials.skin_seams import border_edges, close_seams
+from processing.materials.skin_solver import conjugate_gradients
+from processing.materials.skin_surface import Surface, refine, weld
+from processing.materials.skin_turn import STEPS, turning_table
+from processing.products import ResidualBasis, bilinear_taps
+from tests.reference.skin import ball, cheapest_closed_path, cylinder, misfits
+from tests.render.synthetic import stone
+
+
+def surface_of(positions, normals, triangles):
+    return Surface(positions, normals, triangles, np.zeros((len(triangles), 3, 2)))
+
+
+def laid(positions, normals, triangles, seed, radius):
+    """Texels of a patch: where they are in space and where laid flat; the atlas is that of the mesh."""
+    atlas = unwrap(positions, triangles, 40.0)
+    surface = Surface(positions, normals, triangles, atlas.uv_texels[atlas.triangles])
+    texels = covered_texels(surface.corner_uv, atlas.shape)
+    layout = layout_of(surface, tangent_field(surface, 2 * radius), texels)
+    sheet = empty_sheet(layout)
+    filled = lay_flat(layout, sheet, seed, radius, 0)
+    texel = sheet.texel[:filled]
+    second, third = texels.barycentric[texel].T
+    weights = np.stack([1 - second - third, second, third], axis=1)
+    inside = (weights >= 0).all(axis=1)
+    space = np.einsum("nk,nkc->nc", weights, positions[triangles[texels.triangle[texel]]])
+    return space[inside], sheet.xy[:filled][inside], sheet.turn_rad[:filled][inside]
+
+
+@pytest.mark.parametrize("basis", ResidualBasis)
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, STEPS - 1), st.integers(0, 2**32 - 1))
+def test_turned_coefficients_are_the_same_function(basis, step, seed):
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * step / STEPS
+    c, s = np.cos(angle), np.sin(angle)
+    frame = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    light, view = rng.normal(size=(2, 20, 3)) * [1, 1, 0] + [0, 0, 0.5]
+    light, view = (d / np.linalg.norm(d, axis=1, keepdims=True) for d in (light, view))
+    coefficients = rng.normal(size=basis.size)
+    in_turned = basis.evaluate(light @ frame.T, view @ frame.T) @ coefficients
+    np.testing.assert_allclose(
+        basis.evaluate(light, view) @ turning_table(basis)[step] @ coefficients, in_turned, atol=1e-9
+    )
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(3, 5), st.integers(1, 5))
+def test_closed_path_is_the_cheapest(seed, rows, columns):
+    cost = np.random.default_rng(seed).random((rows, columns))
+    path = skin_cut._closed_path(cost)
+    assert all(abs(path[k] - path[k - 1]) <= skin_cut._STEEPEST for k in range(rows))
+    assert cost[np.arange(rows), path].sum() == pytest.approx(cheapest_closed_path(cost, skin_cut._STEEPEST))
+
+
+def test_cut_follows_the_line_of_least_difference_and_goes_round_the_overlap():
+    """A groove in the error, off the middle; nothing lies on the right side, where the line goes outside."""
+    cells, reach = 41, 19.0
+    y, x = np.mgrid[:cells, :cells] - 20.0
+    error = 1.0 - np.exp(-((np.hypot(x + 2, y) - 13.0) ** 2) / 4)
+    radii = least_cut(error, np.ones((cells, cells)), reach)
+    angle = 2 * np.pi * np.arange(len(radii)) / len(radii)
+    away = np.hypot(radii * np.cos(angle) + 2, radii * np.sin(angle))
+    assert np.abs(away - 13.0).max() < 1.5
+    half = least_cut(error, (x < 0).astype(float), reach)
+    assert half[np.abs(angle - np.pi) < 1.0].max() < 17
+    assert half[np.cos(angle) > 0.6].min() > 17.5
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_place_is_one_of_the_best(seed, wrap):
+    """The error at the chosen place is within a tenth of the least, by the definition."""
+    rng = np.random.default_rng(seed)
+    example = example_of(stone(32, 32, wrap=wrap), 1.0)
+    piece, mask = rng.normal(scale=0.5, size=(6, 6, 4)), (rng.random((6, 6)) > 0.4).astype(float)
+    errors = misfits(example.cells.astype(float), piece, mask, wrap)
+    chosen = Fitter(example, 6).choose(piece, mask, rng)
+    assert errors[chosen] <= 1.1 * errors.min() + 1e-6
+
+
+def test_piece_of_the_example_is_found_where_it_was_taken(rng):
+    example = example_of(stone(32, 32), 1.0)
+    piece = np.roll(example.cells, (-11, -14), axis=(0, 1))[:6, :6].astype(float)
+    assert Fitter(example, 6).choose(piece, np.ones((6, 6)), rng) == (11, 14)
+
+
+def test_field_is_level_and_smooth_where_the_surface_stands():
+    positions, normals, triangles = ball(24, 48)
+    field = tangent_field(surface_of(positions, normals, triangles), 0.3)
+    np.testing.assert_allclose(np.sum(field * normals, axis=1), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(field, axis=1), 1.0, atol=1e-9)
+    standing = np.abs(positions[:, 2]) < 0.8
+    level = np.cross([0, 0, 1], normals[standing])
+    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    assert np.sum(field[standing] * level, axis=1).min() > np.cos(np.radians(12))
+
+
+def test_field_over_a_plate_that_lies_is_the_samples_frame():
+    """t = +X and b = +Y, as a sample has it."""
+    x, y = np.meshgrid(np.arange(4.0), np.arange(4.0))
+    positions = np.stack([x.ravel(), y.ravel(), np.zeros(16)], axis=1)
+    first = (np.arange(3)[:, None] * 4 + np.arange(3)).ravel()
+    triangles = np.concatenate([np.stack([first, first + 1, first + 5], 1), np.stack([first, first + 5, first + 4], 1)])
+    normals = np.broadcast_to([0.0, 0.0, 1.0], (16, 3))
+    field = tangent_field(surface_of(positions, normals, triangles.astype(np.int32)), 1.0)
+    np.testing.assert_allclose(field, np.broadcast_to([1.0, 0.0, 0.0], (16, 3)), atol=1e-6)
+
+
+def test_rolled_surface_is_laid_flat_without_stretch():
+    """On a cylinder x is the arc from the seed and y the height, but for the facets of 7.5 deg."""
+    positions, normals, triangles = cylinder()
+    seed = 5 * 48 + 7
+    space, xy, turn_rad = laid(positions, normals, triangles, seed, 0.8)
+    arc = np.arctan2(space[:, 1], space[:, 0]) - 2 * np.pi * 7 / 48
+    flat = np.stack([arc, space[:, 2] - positions[seed, 2]], axis=1)
+    assert len(xy) > 1000
+    assert np.abs(xy - flat).max() < 0.03
+    assert np.abs(turn_rad).max() < 0.02
+
+
+def test_ball_is_laid_flat_with_little_stretch():
+    """To half a radian from the seed, also at the pole, where the field has a zero: nothing is torn."""
+    positions, normals, triangles = ball(32, 64)
+    for seed in (16 * 64, len(positions) - 2):
+        space, xy, _ = laid(positions, normals, triangles, seed, 0.5)
+        far = np.arccos(np.clip(space @ positions[seed], -1, 1))
+        assert far.max() > 0.45
+        assert np.abs(np.hypot(*xy.T) - far).max() < 0.08
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0.15, 3.0))
+def test_refined_surface_is_the_same_and_closed(longest):
+    positions, normals, triangles = ball(5, 8)
+    surface = refine(surface_of(positions, normals, triangles), longest)
+    corners = surface.positions[surface.triangles]
+    assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= longest * (1 + 1e-12)
+    volume = [
+        np.sum(np.einsum("nj,nj->n", c[:, 0], np.cross(c[:, 1], c[:, 2]))) for c in (corners, positions[triangles])
+    ]
+    assert volume[0] == pytest.approx(volume[1])
+    edges = {(int(t[k]), int(t[k - 1])) for t in surface.triangles for k in range(3)}
+    assert len(edges) == 3 * len(surface.triangles)
+    assert all((b, a) in edges for a, b in edges)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_welded_mesh_does_not_depend_on_how_it_was_split(seed):
+    rng = np.random.default_rng(seed)
+    positions, normals, triangles = ball(6, 9)
+    own = triangles.ravel()
+    order = rng.permutation(len(own))
+    split = np.argsort(order).reshape(triangles.shape).astype(np.int32)
+    place, places, mean = weld(positions[own][order].astype(np.float32), normals[own][order], split)
+    assert len(places) == len(positions)
+    corners = places[place[split]]
+    np.testing.assert_allclose(corners, positions[triangles], atol=1e-6)
+    np.testing.assert_allclose(mean, places, atol=1e-6)
+
+
+def test_seams_close_and_what_is_far_from_them_stays(rng):
+    """Noise from texel to texel is the worst that a border can meet: less than a tenth of its jumps is left."""
+    positions, _, triangles = ball()
+    atlas = unwrap(positions, triangles, 30.0)
+    place = np.arange(len(positions), dtype=np.int32)
+    texture = rng.normal(size=(*atlas.shape, 2)).astype(np.float32)
+    closed = close_seams(texture, atlas, place)
+    left, right = border_edges(atlas, place)
+    assert len(left) > 20
+
+    def jump(image):
+        sides = [bilinear_taps(atlas.uv[ends].mean(axis=1), *atlas.shape, wrap=True) for ends in (left, right)]
+        one, other = (np.einsum("nt,ntc->nc", taps, image[rows, columns]) for rows, columns, taps in sides)
+        return np.sqrt(np.mean((one - other) ** 2))
+
+    assert jump(closed) < 0.1 * jump(texture)
+    moved = (closed != texture).any(axis=2)
+    assert 0.01 < moved.mean() < 0.6
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-6, 1.0, 1e6]))
+def test_conjugate_gradients_solve(seed, scale):
+    rng = np.random.default_rng(seed)
+    part = rng.normal(size=(12, 12)) + 1j * rng.normal(size=(12, 12))
+    matrix = scale * (part @ part.conj().T + 12 * np.eye(12))
+    right = rng.normal(size=(12, 3)) + 0j
+    right[:, 2] = 0
+    found = conjugate_gradients(sparse.csr_matrix(matrix), right, tolerance=1e-12, most_steps=100)
+    np.testing.assert_allclose(matrix @ found, right, atol=1e-8)

@@ -10,8 +10,8 @@ from render.arrays import Float64, Int32, Rows, dot, unit
 from render.errors import MeshError
 from render.mesh import Mesh, angle_weighted_normals, mesh_from_uv, perpendicular
 
-# The name under which trimesh hands on what the file calls TANGENT; our files carry it under both.
-_TANGENT = "_TANGENT"
+# trimesh hands on only what is named with an underscore: our files have both names for the same numbers.
+_NORMAL, _TANGENT = "_NORMAL", "_TANGENT"
 # Vertices at one place share a smooth normal unless theirs lies farther than 37 degrees from it: then it is an edge.
 _SMOOTH_COSINE = 0.8
 
@@ -40,7 +40,7 @@ def load_mesh(path: Path, *, tiles: tuple[float, float] = (1.0, 1.0)) -> Mesh:
         tangents = np.asarray(loaded.vertex_attributes.get(_TANGENT, ()), dtype=np.float64)
         if tangents.shape == (len(positions), 4):
             # Charts cut such a mesh anywhere: normals made anew would show an edge where it is only cut.
-            normals = unit(loaded.vertex_normals)
+            normals = unit(np.asarray(loaded.vertex_attributes[_NORMAL]))
             frames = np.column_stack([perpendicular(tangents[:, :3], normals), np.sign(tangents[:, 3])])
             return Mesh(positions, normals, frames, uv * np.asarray(tiles), triangles)
     return mesh_from_uv(positions, normals, np.asarray(uv * np.asarray(tiles), dtype=np.float64), triangles)
@@ -57,15 +57,16 @@ def save_mesh(path: Path, mesh: Mesh) -> None:
         visual=trimesh.visual.TextureVisuals(uv=uv),
         process=False,
     )
-    content = trimesh.Scene(written).export(file_type="glb", include_normals=True, tree_postprocessor=_name_tangents)
+    content = trimesh.Scene(written).export(file_type="glb", include_normals=True, tree_postprocessor=_name_frames)
     path.write_bytes(content)
 
 
-def _name_tangents(tree: dict[str, Any]) -> None:
-    """Say in glTF's own word what the tangents are: trimesh writes only attributes that begin with an underscore."""
+def _name_frames(tree: dict[str, Any]) -> None:
+    """Name normals and tangents both as glTF does and as trimesh reads them."""
     for mesh in tree["meshes"]:
         for primitive in mesh["primitives"]:
-            primitive["attributes"]["TANGENT"] = primitive["attributes"][_TANGENT]
+            attributes = primitive["attributes"]
+            attributes["TANGENT"], attributes[_NORMAL] = attributes[_TANGENT], attributes["NORMAL"]
 
 
 def _read(path: Path) -> trimesh.Trimesh:

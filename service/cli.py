@@ -176,7 +176,7 @@ def preview(
 @app.command()
 def drape(
     product: Annotated[Path, typer.Argument(metavar="SRF", help="Folder of an SRF.")],
-    mesh: Annotated[str, typer.Argument(help="A mesh file (OBJ, PLY, GLB), or sphere, torus, vase.")],
+    mesh: Annotated[str, typer.Argument(help="A mesh file (OBJ, PLY, GLB), or sphere, torus, vase, statue.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the SRF made for this mesh, and the mesh.")],
     repeats: Annotated[
         float, typer.Option(help="Widths of the sample that go into the mesh's longest side.", min=0.1, max=100)

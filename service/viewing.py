@@ -24,13 +24,16 @@ from service.pictures import STILL, check_still, draw_btf, draw_displacements, d
 
 ANIMATED = (".webp", ".gif", ".apng")
 FRAMES = 24
-<<<<<<< HEAD
 # Pictures under these lie within 3 % (rms, of the mean) of those under all pixels: `rig bench srf`.
 ENVIRONMENT_LIGHTS = 64
-=======
 SKIN_MESH = "mesh.glb"  # beside an SRF that was made for this mesh alone
-SHAPES: dict[str, Callable[[], Mesh]] = {"sphere": sphere, "plane": plane, "torus": torus, "vase": vase}
->>>>>>> 303a9b0 (rig drape: an SRF synthesised over a mesh, with tangents in its GLB; previews draw it)
+SHAPES: dict[str, Callable[[], Mesh]] = {
+    "sphere": sphere,
+    "plane": plane,
+    "torus": torus,
+    "vase": vase,
+    "statue": statue,
+}
 MAPS = {"mdf": draw_displacements, "btf": draw_btf, "reflectance_maps": draw_reflectance_maps, "sensor": draw_sensor}
 
 
@@ -83,8 +86,7 @@ def shape_for(material: Material, name: str) -> tuple[Material, Mesh]:
             return material, captured_sphere()
         return material, plane() if name == "" else sphere()
     covering = repeating(material) if isinstance(material, Srf) else material
-    shapes: dict[str, Callable[[], Mesh]] = {"plane": plane, "torus": torus, "vase": vase, "statue": statue}
-    return covering, shapes[name]() if name in shapes else load_mesh(Path(name))
+    return covering, mesh_named(name)
 
 
 def lights_of(azimuth_deg: float, elevation_deg: float, environment: Path | None) -> tuple[Light, ...]:
@@ -101,15 +103,7 @@ def draw_product(product: Path, out: Path, shape: str, lights: tuple[Light, ...]
     its own; of a BTF, MDF or reflectance maps what was measured.
     """
     if not out.suffix:
-<<<<<<< HEAD
-        if len(lights) > 1:
-            raise SceneError(f"{out}: an environment lights a picture (.png) or a moving light (.webp), not a folder")
-=======
-        if is_skin(product):
-            raise ImageError(f"{out}: a skin is drawn on its mesh alone; name a picture (.png, .jpg, .webp or .gif)")
->>>>>>> 303a9b0 (rig drape: an SRF synthesised over a mesh, with tangents in its GLB; previews draw it)
-        galleries = write_showcase(load_material(product), out, size=(size, size))
-        return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
+        return _draw_showcase(product, out, lights, size)
     if (kind := kind_of(product)) in MAPS:
         check_still(out)
         with replaced(out) as part:
@@ -118,13 +112,8 @@ def draw_product(product: Path, out: Path, shape: str, lights: tuple[Light, ...]
     ending = out.suffix.lower()
     if ending not in ANIMATED + STILL:
         raise ImageError(f"{out}: a picture is .png or .jpg, a moving light .webp or .gif; no suffix means a folder.")
-<<<<<<< HEAD
-    material, mesh = shape_for(load_material(product), shape)
-    scene = _scene(material, mesh, lights, size)
-=======
     material, mesh = shown_on(product, shape)
-    scene = _scene(material, mesh, light_deg, size)
->>>>>>> 303a9b0 (rig drape: an SRF synthesised over a mesh, with tangents in its GLB; previews draw it)
+    scene = _scene(material, mesh, lights, size)
     with Preview((size, size)) as preview, replaced(out) as part:
         if ending in ANIMATED:
             _draw_moving_light(preview, scene, part)
@@ -132,6 +121,16 @@ def draw_product(product: Path, out: Path, shape: str, lights: tuple[Light, ...]
             picture = preview.draw(scene)
             save_image(part, picture.srgb8(exposure_for([picture])))
         return f"{out} (drawn by {preview.renderer_name})"
+
+
+def _draw_showcase(product: Path, out: Path, lights: tuple[Light, ...], size: int) -> str:
+    """Draw the material on all shapes that show it best."""
+    if len(lights) > 1:
+        raise SceneError(f"{out}: an environment lights a picture (.png) or a moving light (.webp), not a folder")
+    if is_skin(product):
+        raise ImageError(f"{out}: a skin is drawn on its mesh alone; name a picture (.png, .jpg, .webp or .gif)")
+    galleries = write_showcase(load_material(product), out, size=(size, size))
+    return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
 
 
 def _scene(material: Material, mesh: Mesh, lights: tuple[Light, ...], size: int) -> Scene:

@@ -9,8 +9,10 @@ from render.errors import MeshError
 from render.mesh_file import load_mesh, save_mesh
 from render.shapes import torus
 from service.draping import drape_product
-from service.viewing import draw_product
+from service.viewing import draw_product, lights_of
 from tests.render.synthetic import stone
+
+LIGHTS = lights_of(40.0, 45.0, None)
 
 
 @pytest.fixture(scope="module")
@@ -36,16 +38,16 @@ def test_product_is_an_srf_that_says_what_it_was_made_of(workshop):
 
 
 def test_preview_draws_it_on_its_mesh(workshop):
-    said = draw_product(workshop / "worn", workshop / "worn.png", "", (40.0, 45.0), 64)
+    said = draw_product(workshop / "worn", workshop / "worn.png", "", LIGHTS, 64)
     assert "drawn by" in said
     assert (workshop / "worn.png").stat().st_size > 1000
 
 
 def test_it_fits_no_other_mesh(workshop):
     with pytest.raises(ImageError, match="leave --shape out"):
-        draw_product(workshop / "worn", workshop / "no.png", "torus", (40.0, 45.0), 64)
+        draw_product(workshop / "worn", workshop / "no.png", "torus", LIGHTS, 64)
     with pytest.raises(ImageError, match="name a picture"):
-        draw_product(workshop / "worn", workshop / "no", "", (40.0, 45.0), 64)
+        draw_product(workshop / "worn", workshop / "no", "", LIGHTS, 64)
     with pytest.raises(ImageError, match="the SRF that it was made from"):
         drape_product(workshop / "worn", "vase", workshop / "twice", 1.5, 160)
     assert not (workshop / "no").exists()

@@ -14,8 +14,10 @@ SHADER = "srf.frag"
 
 
 def upload(context: moderngl.Context, srf: Srf) -> Binding:
-    """One layer for each function of the basis, its channels as colour; undetermined texels are 0."""
-    layers = np.nan_to_num(np.moveaxis(srf.residual, (3, 0), (0, 3)))
+    """Each texel's coefficients function by function, colour by colour, four in a layer; undetermined ones are 0."""
+    numbers = np.nan_to_num(srf.residual.transpose(3, 0, 1, 2)).reshape(-1, *srf.residual.shape[1:3])
+    padded = np.concatenate([numbers, np.zeros((-len(numbers) % 4, *numbers.shape[1:]), np.float32)])
+    layers = np.moveaxis(padded.reshape(-1, 4, *numbers.shape[1:]), 1, 3)
     return Binding(
         SHADER,
         {"residual": texture_array(context, layers, "SRF map", wrap=srf.wrap)},

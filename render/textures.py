@@ -8,9 +8,9 @@ from render.errors import MaterialError
 
 
 def texture_array(context: moderngl.Context, layers: Rows, what: str, *, wrap: bool = True) -> moderngl.TextureArray:
-    """Layers (layer, y, x, 3) as float32, which repeat or end; raises MaterialError where there is no room for them."""
+    """Layers (layer, y, x, 3 or 4) as float32, which repeat or end; raises MaterialError where there is no room."""
     count, height, width, channels = layers.shape
-    if channels != 3:
+    if channels not in (3, 4):
         raise MaterialError(f"{what}: {channels} channels, the preview draws 3")
     for limit, value, unit in (
         ("GL_MAX_ARRAY_TEXTURE_LAYERS", count, "layers"),
@@ -20,7 +20,7 @@ def texture_array(context: moderngl.Context, layers: Rows, what: str, *, wrap: b
             raise MaterialError(f"{what}: {value} {unit}, the graphics library takes {context.info[limit]}")
     # Four components lie on whole words: a fetch of three was measured to cost a quarter more.
     data = np.zeros((count, height, width, 4), dtype=np.float32)
-    data[..., :3] = layers
+    data[..., :channels] = layers
     texture = context.texture_array((width, height, count), 4, data.tobytes(), dtype="f4", alignment=1)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     texture.repeat_x = texture.repeat_y = wrap

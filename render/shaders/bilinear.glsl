@@ -20,10 +20,10 @@ Taps bilinear_taps(vec2 uv, vec2 size, bool wrap) {
     return taps;
 }
 
-vec3 bilinear(sampler2DArray map, int layer, Taps taps) {
+vec4 bilinear(sampler2DArray map, int layer, Taps taps) {
     float z = float(layer);
-    return taps.weights.x * textureLod(map, vec3(taps.low, z), 0.0).rgb
-         + taps.weights.y * textureLod(map, vec3(taps.high.x, taps.low.y, z), 0.0).rgb
-         + taps.weights.z * textureLod(map, vec3(taps.low.x, taps.high.y, z), 0.0).rgb
-         + taps.weights.w * textureLod(map, vec3(taps.high, z), 0.0).rgb;
+    return taps.weights.x * textureLod(map, vec3(taps.low, z), 0.0)
+         + taps.weights.y * textureLod(map, vec3(taps.high.x, taps.low.y, z), 0.0)
+         + taps.weights.z * textureLod(map, vec3(taps.low.x, taps.high.y, z), 0.0)
+         + taps.weights.w * textureLod(map, vec3(taps.high, z), 0.0);
 }

@@ -30,9 +30,9 @@ vec3 outgoing(Material here, vec3 light) {
     vec3 total = vec3(0.0);
     for (int k = 0; k < rank; ++k) {
         int layer = k * lights;
-        vec3 map = lit.weights.x * bilinear(eigenmaps, layer + lit.indices.x, here.taps)
-                 + lit.weights.y * bilinear(eigenmaps, layer + lit.indices.y, here.taps)
-                 + lit.weights.z * bilinear(eigenmaps, layer + lit.indices.z, here.taps);
+        vec3 map = lit.weights.x * bilinear(eigenmaps, layer + lit.indices.x, here.taps).rgb
+                 + lit.weights.y * bilinear(eigenmaps, layer + lit.indices.y, here.taps).rgb
+                 + lit.weights.z * bilinear(eigenmaps, layer + lit.indices.z, here.taps).rgb;
         float weight = seen.weights.x * texelFetch(view_weights, ivec2(seen.indices.x, k), 0).r
                      + seen.weights.y * texelFetch(view_weights, ivec2(seen.indices.y, k), 0).r
                      + seen.weights.z * texelFetch(view_weights, ivec2(seen.indices.z, k), 0).r;

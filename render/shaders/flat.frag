@@ -8,7 +8,7 @@ struct Material {
 };
 
 Material material_at(vec2 uv, vec3 view) {
-    return Material(bilinear(albedo, 0, bilinear_taps(uv, vec2(textureSize(albedo, 0).xy), true)));
+    return Material(bilinear(albedo, 0, bilinear_taps(uv, vec2(textureSize(albedo, 0).xy), true)).rgb);
 }
 
 vec3 outgoing(Material here, vec3 light) {

@@ -4,7 +4,7 @@
 #if defined(BASIS_HEMISPHERICAL)
 const int BASIS_SIZE = 9;
 
-float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 view, vec3 half_vector) {
     float cosine = clamp(light.z, 0.0, 1.0);
     float level = sqrt(dot(light.xy, light.xy));
     vec2 cs = level > 0.0 ? light.xy / level : vec2(0.0);
@@ -23,8 +23,7 @@ float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
 #elif defined(BASIS_BILINEAR)
 const int BASIS_SIZE = 9;
 
-float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
-    vec3 view = 2.0 * dot(light, half_vector) * half_vector - light;
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 view, vec3 half_vector) {
     return float[](
         light.x * view.x, light.x * view.y, light.x * view.z, light.y * view.x, light.y * view.y, light.y * view.z,
         light.z * view.x, light.z * view.y, light.z * view.z
@@ -34,21 +33,24 @@ float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
 #elif defined(BASIS_BIQUADRATIC)
 const int BASIS_SIZE = 6;
 
-float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 view, vec3 half_vector) {
     return float[](1.0, light.x, light.y, light.x * light.x, light.x * light.y, light.y * light.y);
 }
 
 #elif defined(BASIS_HALF_LIGHT)
 const int BASIS_SIZE = 5;
 
-float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 view, vec3 half_vector) {
     return float[](half_vector.x, half_vector.y, half_vector.z, light.z, 1.0);
 }
 
-#else
+#elif defined(BASIS_HALF)
 const int BASIS_SIZE = 3;
 
-float[BASIS_SIZE] residual_basis(vec3 light, vec3 half_vector) {
+float[BASIS_SIZE] residual_basis(vec3 light, vec3 view, vec3 half_vector) {
     return float[](half_vector.x, half_vector.y, half_vector.z);
 }
+
+#else
+#error no such basis: see processing.products.ResidualBasis
 #endif

@@ -4,24 +4,31 @@
 #include "lobe.glsl"
 #include "residual_basis.glsl"
 
-uniform sampler2DArray residual;   // a layer for each function of the basis; its channels are colours
+uniform sampler2DArray residual;   // four numbers a layer: all colours of the first function, of the second, ...
 uniform vec3 diffuse;
 uniform vec3 specular;
 uniform vec2 exponents;            // along lobe_axis and across it
 uniform vec2 lobe_axis;            // unit vector in the plane of t and b
 uniform bool wrap;
 
+const int LAYERS = (3 * BASIS_SIZE + 3) / 4;
+
 struct Material {
     vec3 view;
-    vec3[BASIS_SIZE] residual;
+    vec4[LAYERS] residual;
 };
+
+float coefficient(Material here, int function, int colour) {
+    int number = 3 * function + colour;
+    return here.residual[number / 4][number % 4];
+}
 
 Material material_at(vec2 uv, vec3 view) {
     Taps taps = bilinear_taps(uv, vec2(textureSize(residual, 0).xy), wrap);
     Material here;
     here.view = view;
-    for (int k = 0; k < BASIS_SIZE; ++k) {
-        here.residual[k] = bilinear(residual, k, taps);
+    for (int layer = 0; layer < LAYERS; ++layer) {
+        here.residual[layer] = bilinear(residual, layer, taps);
     }
     return here;
 }
@@ -40,9 +47,9 @@ float exponent_toward(vec2 h) {
 vec3 outgoing(Material here, vec3 light) {
     vec3 half_vector = unit(light + here.view);
     vec3 total = diffuse * light.z + specular * lobe(half_vector, exponent_toward(half_vector.xy));
-    float[BASIS_SIZE] functions = residual_basis(light, half_vector);
+    float[BASIS_SIZE] functions = residual_basis(light, here.view, half_vector);
     for (int k = 0; k < BASIS_SIZE; ++k) {
-        total += functions[k] * here.residual[k];
+        total += functions[k] * vec3(coefficient(here, k, 0), coefficient(here, k, 1), coefficient(here, k, 2));
     }
     return light.z > 0.0 ? total : vec3(0.0);
 }

@@ -56,8 +56,9 @@ def test_missing_shader_is_named(gl, folder):
 @pytest.mark.parametrize("shader", sorted(path.name for path in SHADERS.glob("*.frag")))
 @pytest.mark.parametrize("defines", [(), ("G_BUFFER",), ("GRADIENT_MAP",), ("G_BUFFER", "GRADIENT_MAP")])
 def test_every_variant_of_every_shader_compiles(gl, shader, defines):
+    basis = ("BASIS_HALF",) if shader == "srf.frag" else ()
     with gl.context:
-        compile_program(gl.context, "surface.vert", shader, frozenset(defines)).release()
+        compile_program(gl.context, "surface.vert", shader, frozenset((*defines, *basis))).release()
 
 
 @pytest.mark.parametrize("basis", ResidualBasis)
@@ -65,3 +66,8 @@ def test_every_basis_compiles_on_the_sphere_of_a_capture(gl, basis):
     defines = frozenset({f"BASIS_{basis.name}", "ANISOTROPIC", "GRADIENT_MAP"})
     with gl.context:
         compile_program(gl.context, "surface.vert", "srf.frag", defines).release()
+
+
+def test_basis_without_a_shader_is_an_error_that_says_so(gl):
+    with gl.context, pytest.raises(ShaderError, match="no such basis"):
+        compile_program(gl.context, "surface.vert", "srf.frag", frozenset({"BASIS_OF_ANOTHER_KIND"}))

@@ -5,6 +5,8 @@ two blocks add up, so that every coarser grid is springs again. Source: Braess 1
 that are stiffer than what they stand for.
 """
 
+from math import sqrt
+
 import numpy as np
 from numba import njit
 
@@ -24,20 +26,24 @@ def solve(springs: Springs, load: Float64, start: Float64, precision: float) -> 
     levels = _levels(springs)
     height = start.copy()
     residual = load - apply(springs[0], springs[1], height)
-    goal = precision * np.linalg.norm(load)
+    goal = precision * _length(load)
     direction, last = np.zeros_like(height), 1.0
     for _ in range(ITERATIONS):
         smooth = _cycle(levels, residual, 0)
-        product = float(np.vdot(residual, smooth))
-        if np.linalg.norm(residual) <= goal or not product > 0:
+        product = float((residual * smooth).sum())
+        if _length(residual) <= goal or not product > 0:
             break
         direction = smooth + (product / last) * direction
         last = product
         image = apply(springs[0], springs[1], direction)
-        length = product / float(np.vdot(direction, image))
+        length = product / float((direction * image).sum())
         height += length * direction
         residual -= length * image
     return height
+
+
+def _length(load: Float64) -> float:
+    return sqrt(float((load * load).sum()))
 
 
 def _levels(springs: Springs) -> list[Springs]:

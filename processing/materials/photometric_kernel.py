@@ -27,12 +27,16 @@ SETTLED = 1e-8  # relative step at which the rounds end
 
 
 class Samples(NamedTuple):
-    """One pixel's samples: grey value (m,), variance (m,), light vectors (m, 3), and which lights they are (m,)."""
+    """One pixel's samples: grey value (m,), variance (m,), light vectors (m, 3), and which lights they are (m,).
+
+    What is darker than `dark` is in a shadow.
+    """
 
     grey: Array
     variance: Array
     vector: Array
     light: NDArray[np.intp]
+    dark: float
 
 
 @njit(cache=True)
@@ -80,7 +84,8 @@ def gather(value: Values, variance: Values, lights: Array, point: Array) -> Samp
             grey[kept], spread[kept], light[kept] = total / weight, 1.0 / weight, i
             vector[kept, 0], vector[kept, 1], vector[kept, 2] = light_vector(lights[i], point)
             kept += 1
-    return Samples(grey[:kept], spread[:kept], vector[:kept], light[:kept])
+    dark = DARK * float(np.sort(grey[:kept])[kept - FEWEST]) if kept >= FEWEST else np.inf
+    return Samples(grey[:kept], spread[:kept], vector[:kept], light[:kept], dark)
 
 
 @njit(cache=True)
@@ -112,18 +117,30 @@ def solve_scaled_normal(matrix: Array, right: Array) -> Array:
 
 
 @njit(cache=True)
-def plane_through(vector: Array, grey: Array, triple: NDArray[np.intp]) -> Array:
+def cross(p: Array, q: Array) -> tuple[float, float, float]:
+    """p x q."""
+    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
+
+
+@njit(cache=True)
+def plane_through(vector: Array, grey: Array, triple: NDArray[np.intp]) -> tuple[float, float, float]:
     """The scaled normal that three samples have; NaN where their lights lie nearly in a plane."""
-    p, q, r = vector[triple[0]], vector[triple[1]], vector[triple[2]]
-    qr = np.array([q[1] * r[2] - q[2] * r[1], q[2] * r[0] - q[0] * r[2], q[0] * r[1] - q[1] * r[0]])
-    rp = np.array([r[1] * p[2] - r[2] * p[1], r[2] * p[0] - r[0] * p[2], r[0] * p[1] - r[1] * p[0]])
-    pq = np.array([p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]])
+    i, j, k = triple
+    p, q, r = vector[i], vector[j], vector[k]
+    qr, rp, pq = cross(q, r), cross(r, p), cross(p, q)
     volume = p[0] * qr[0] + p[1] * qr[1] + p[2] * qr[2]
-    lengths = np.sqrt((p * p).sum() * (q * q).sum() * (r * r).sum())
-    if abs(volume) < LEAST_VOLUME * lengths:
-        return np.full(3, np.nan)
-    found: Array = (grey[triple[0]] * qr + grey[triple[1]] * rp + grey[triple[2]] * pq) / volume
-    return found
+    lengths2 = squared_length(p) * squared_length(q) * squared_length(r)
+    if volume * volume < LEAST_VOLUME * LEAST_VOLUME * lengths2:
+        return np.nan, np.nan, np.nan
+    f, g, h = grey[i] / volume, grey[j] / volume, grey[k] / volume
+    x, y, z = f * qr[0] + g * rp[0] + h * pq[0], f * qr[1] + g * rp[1] + h * pq[1], f * qr[2] + g * rp[2] + h * pq[2]
+    return x, y, z
+
+
+@njit(cache=True)
+def squared_length(b: Array) -> float:
+    """b . b."""
+    return float(b[0] * b[0] + b[1] * b[1] + b[2] * b[2])
 
 
 @njit(cache=True)
@@ -137,6 +154,19 @@ def squared_errors(grey: Array, vector: Array, b: Array) -> Array:
 
 
 @njit(cache=True)
+def beats(grey: Array, vector: Array, b: tuple[float, float, float], least: float) -> bool:
+    """Whether the median squared error of a plane is less than another's."""
+    allowed = len(grey) - (len(grey) + FEWEST) // 2
+    for i in range(len(grey)):
+        error = grey[i] - (b[0] * vector[i, 0] + b[1] * vector[i, 1] + b[2] * vector[i, 2])
+        if not error * error < least:
+            allowed -= 1
+            if allowed < 0:
+                return False
+    return True
+
+
+@njit(cache=True)
 def least_median(grey: Array, vector: Array, triples: NDArray[np.intp]) -> tuple[Array, float]:
     """The plane through three samples whose median squared error over all is least, and that error (Rousseeuw 1984)."""
     middle = (len(grey) + FEWEST) // 2 - 1
@@ -145,10 +175,9 @@ def least_median(grey: Array, vector: Array, triples: NDArray[np.intp]) -> tuple
         if triples[k, 0] < 0:
             break
         b = plane_through(vector, grey, triples[k])
-        if np.isfinite(b[0]):
-            squared = squared_errors(grey, vector, b)
-            if np.count_nonzero(squared < least) > middle:
-                best, least = b, float(np.sort(squared)[middle])
+        if beats(grey, vector, b, least):
+            best = np.array(b)
+            least = float(np.sort(squared_errors(grey, vector, best))[middle])
     return best, least
 
 
@@ -168,52 +197,45 @@ def bulk_variance(grey: Array, vector: Array, b: Array, bound: float) -> float:
 @njit(cache=True)
 def lit(samples: Samples) -> NDArray[np.intp]:
     """Indices of the samples that are no shadow; none where there are not enough samples."""
-    count = len(samples.grey)
-    if count < FEWEST:
-        return np.empty(0, np.intp)
-    reference = np.sort(samples.grey)[count - FEWEST]
-    return np.flatnonzero(samples.grey > DARK * reference + NOISES * np.sqrt(samples.variance))
+    return np.flatnonzero(samples.grey > samples.dark + NOISES * np.sqrt(samples.variance))
 
 
 @njit(parallel=True, cache=True)
 def starts(value: Values, variance: Values, lights: Array, points: Array, triples: NDArray[np.intp]) -> Array:
-    """Scaled normal by least median and relative variance beyond the noise, (y, x, 4); NaN where there is none.
+    """Scaled normal by least median and relative variance beyond the noise, (pixel, 4); NaN where there is none.
 
+    `value` and `variance` are (light, pixel, 3), `lights` directions and distances (light, 4), `points` (pixel, 3).
     `triples` (m, k, 3) are the places to take of m samples, ended by -1; of more than m - 1 samples that many are
     taken, evenly.
     """
-    height, width = points.shape[:2]
-    found = np.full((height, width, 4), np.nan)
-    for y in prange(height):
-        for x in range(width):
-            samples = gather(value[:, y, x], variance[:, y, x], lights, points[y, x])
-            use = lit(samples)
-            if len(use) < FEWEST:
-                continue
-            taken = min(len(use), len(triples) - 1)
-            use = use[(np.arange(taken) * len(use)) // taken]
-            grey, vector = samples.grey[use], samples.vector[use]
-            b, least = least_median(grey, vector, triples[taken])
-            # 1.4826 makes a median of normal errors a deviation; the rest is for few samples (Rousseeuw, Leroy 1987)
-            bound = (2.5 * 1.4826 * (1 + 5 / max(taken - 3, 1))) ** 2 * least
-            excess = bulk_variance(grey, vector, b, bound) - samples.variance[use].mean()
-            found[y, x, :3], found[y, x, 3] = b, excess / (b * b).sum()
+    found = np.full((len(points), 4), np.nan)
+    for pixel in prange(len(points)):
+        samples = gather(value[:, pixel], variance[:, pixel], lights, points[pixel])
+        use = lit(samples)
+        if len(use) < FEWEST:
+            continue
+        taken = min(len(use), len(triples) - 1)
+        use = use[(np.arange(taken) * len(use)) // taken]
+        grey, vector = samples.grey[use], samples.vector[use]
+        b, least = least_median(grey, vector, triples[taken])
+        # 1.4826 makes a median of normal errors a deviation; the rest is for few samples (Rousseeuw, Leroy 1987)
+        bound = (2.5 * 1.4826 * (1 + 5 / max(taken - 3, 1))) ** 2 * least
+        excess = bulk_variance(grey, vector, b, bound) - samples.variance[use].mean()
+        found[pixel, :3], found[pixel, 3] = b, excess / squared_length(b)
     return found
 
 
 @njit(cache=True)
 def weights_of(samples: Samples, b: Array, misfit: float) -> Array:
     """Weights (m,): the biweight over the variance of noise and misfit; 0 for shadows, attached and cast."""
-    count = len(samples.grey)
-    weights = np.zeros(count)
-    reference = np.sort(samples.grey)[max(count - FEWEST, 0)]
-    for i in range(count):
-        e = samples.vector[i]
-        model = b[0] * e[0] + b[1] * e[1] + b[2] * e[2]
+    weights = np.zeros(len(samples.grey))
+    excess = misfit * squared_length(b)
+    for i in range(len(weights)):
+        model = b[0] * samples.vector[i, 0] + b[1] * samples.vector[i, 1] + b[2] * samples.vector[i, 2]
         error, noise = samples.grey[i] - model, samples.variance[i]
-        cast = samples.grey[i] < DARK * reference and -error > NOISES * np.sqrt(noise)
+        cast = samples.grey[i] < samples.dark and -error > NOISES * np.sqrt(noise)
         if model > 0 and not cast:
-            sigma2 = noise + misfit * (b * b).sum()
+            sigma2 = noise + excess
             weights[i] = max(1 - error * error / (TUKEY * TUKEY * sigma2), 0.0) ** 2 / sigma2
     return weights
 
@@ -247,7 +269,7 @@ def angle_variance(samples: Samples, b: Array, weights: Array) -> float:
     excess = (weights * squared_errors(samples.grey, samples.vector, b)).sum() / freedom
     if excess < 1 + 3 * np.sqrt(2 / freedom):
         excess = 1.0
-    length2 = (b * b).sum()
+    length2 = squared_length(b)
     radial = (b * (inverse @ b)).sum() / length2
     return float((inverse[0, 0] + inverse[1, 1] + inverse[2, 2] - radial) / length2 * excess)
 
@@ -271,9 +293,10 @@ def judge(samples: Samples, start: Array, b: Array, weights: Array) -> int:
 def albedo(value: Values, samples: Samples, b: Array, weights: Array) -> Array:
     """pi times the reflectance (3,) by which the samples that count show this normal, NaN where a channel has none."""
     shown, squared = np.zeros(3), np.zeros(3)
-    length = np.sqrt((b * b).sum())
+    length = np.sqrt(squared_length(b))
     for i in range(len(weights)):
-        model = (b * samples.vector[i]).sum() / length
+        vector = samples.vector[i]
+        model = (b[0] * vector[0] + b[1] * vector[1] + b[2] * vector[2]) / length
         for channel in range(3):
             f = value[samples.light[i], channel]
             if np.isfinite(f):
@@ -290,22 +313,20 @@ def albedo(value: Values, samples: Samples, b: Array, weights: Array) -> Array:
 def normals(
     value: Values, variance: Values, lights: Array, points: Array, start: Array
 ) -> tuple[Array, NDArray[np.uint8]]:
-    """Scaled normal, its mean squared angle and the albedo (y, x, 7), NaN where there is none, and status (y, x).
+    """Scaled normal, its mean squared angle and the albedo (pixel, 7), NaN where there is none, and status (pixel,).
 
-    `start` (y, x, 4) is what `starts` gave, its last the relative variance that is allowed beyond the noise.
+    `start` (pixel, 4) is what `starts` gave, its last the relative variance that is allowed beyond the noise.
     """
-    height, width = points.shape[:2]
-    found = np.full((height, width, 7), np.nan)
-    status = np.empty((height, width), np.uint8)
-    for y in prange(height):
-        for x in range(width):
-            samples = gather(value[:, y, x], variance[:, y, x], lights, points[y, x])
-            if len(samples.grey) == 0:
-                status[y, x] = NO_SAMPLES
-                continue
-            b, weights = refine(samples, start[y, x, :3], start[y, x, 3])
-            status[y, x] = judge(samples, start[y, x], b, weights)
-            if status[y, x] == MEASURED:
-                found[y, x, :3], found[y, x, 3] = b, angle_variance(samples, b, weights)
-                found[y, x, 4:] = albedo(value[:, y, x], samples, b, weights)
+    found = np.full((len(points), 7), np.nan)
+    status = np.empty(len(points), np.uint8)
+    for pixel in prange(len(points)):
+        samples = gather(value[:, pixel], variance[:, pixel], lights, points[pixel])
+        if len(samples.grey) == 0:
+            status[pixel] = NO_SAMPLES
+            continue
+        b, weights = refine(samples, start[pixel, :3], start[pixel, 3])
+        status[pixel] = judge(samples, start[pixel], b, weights)
+        if status[pixel] == MEASURED:
+            found[pixel, :3], found[pixel, 3] = b, angle_variance(samples, b, weights)
+            found[pixel, 4:] = albedo(value[:, pixel], samples, b, weights)
     return found, status

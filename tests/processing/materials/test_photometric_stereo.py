@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.materials.photometric_stereo import _triples, find_normals
+from processing.materials.photometric_stereo import _triples, find_depth, find_normals
 from processing.products import LightStack, NormalStatus
 from tests.reference import photometric_stereo as plain
 from tests.reference import shapes
@@ -43,16 +43,19 @@ def test_a_matt_surface_in_the_light_is_exact(count):
     np.testing.assert_allclose(found.albedo, np.broadcast_to([0.6, 0.5, 0.4], found.albedo.shape), rtol=1e-4)
 
 
-def test_near_lights_are_exact_where_the_depth_is_known():
-    """Lamps at five times the object's size; without the depth the error is that of a light seen from elsewhere."""
-    truth, lights = shapes.ball(24), shapes.dome(16, lowest_deg=50)
-    images = shapes.shaded(truth, lights, np.full(16, 5.0))
+def test_near_lights_tell_how_far_the_surface_is():
+    """Lamps at five times the object's size, a ball not where the stack's origin is: depth is found from the light."""
+    (height, normal), lights = shapes.ball(24), shapes.dome(16, lowest_deg=50)
+    height = height + 0.3
     half_m = 12 * PIXEL_M
-    stack = stack_of(images, lights, np.full(16, 5.0) * half_m)
-    middle = truth[1][..., 2] > 0.5
-    with_depth, without = find_normals(stack, truth[0] * half_m), find_normals(stack)
-    assert errors_rad(with_depth, truth[1], middle).max() < 2e-3
-    assert np.median(errors_rad(without, truth[1], middle)) > 0.02
+    distances = np.full(16, 5.0)
+    stack = stack_of(shapes.shaded((height, normal), lights, distances), lights, distances * half_m)
+    middle = normal[..., 2] > 0.5
+    known, flat = find_normals(stack, height * half_m), find_normals(stack, np.zeros_like(height))
+    assert errors_rad(known, normal, middle).max() < 2e-3
+    assert np.median(errors_rad(flat, normal, middle)) > 0.05
+    assert np.median(errors_rad(find_normals(stack), normal, middle)) < 5e-3
+    assert np.median(np.abs(find_depth(stack) / half_m - height)[middle]) < 0.02
 
 
 @settings(max_examples=20, deadline=None)

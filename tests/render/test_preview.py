@@ -7,15 +7,17 @@ import moderngl
 import numpy as np
 import pytest
 
+from processing.products import AnisotropicPhong
 from render.camera import look_at
 from render.errors import GlUnavailableError, SceneError
 from render.flat import FlatTexture
+from render.mesh import mesh_from_uv
 from render.opengl import GlRenderer
 from render.preview import Preview
 from render.rasteriser import rasterise
 from render.reference import ReferenceRenderer
 from render.scene import Light, Scene, framed, light, orbiting_light, turning_lights
-from render.shapes import captured_sphere, plane, sphere, torus, vase
+from render.shapes import captured_sphere, plane, sphere, statue, torus, vase
 from tests.render import synthetic
 
 KEY = light(np.radians(-60.0), np.radians(50.0), (3.0, 2.5, 2.0))
@@ -145,6 +147,39 @@ def test_ambient_light_comes_from_straight_above(renderer, srf):
 
 def test_ambient_light_is_off_by_default(srf):
     assert scene_of(plane(), srf).ambient == (0.0, 0.0, 0.0)
+
+
+def test_mirrored_texture_coordinates_mirror_the_bumps(renderer):
+    """A plane whose u runs backward, under a light from the right, is the mirror image of the plain one from the left.
+
+    That holds only where the frame is mirrored with the texture: bumps along t then turn round, lobes do too.
+    """
+    bumpy = synthetic.stone(32, 32)
+    lobe = AnisotropicPhong(bumpy.phong.diffuse, bumpy.phong.specular, np.array([5.0, 90.0]), 0.5)
+    flat = plane()
+    backward = mesh_from_uv(flat.positions, flat.normals, flat.uv * [-1.0, 1.0] + [1.0, 0.0], flat.triangles)
+    assert (backward.tangents[:, 3] == -1.0).all()
+    camera = look_at((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), (81, 81), field_of_view_rad=0.5, up=(0.0, 1.0, 0.0))
+    pictures = [
+        renderer.draw(Scene(mesh, replace(bumpy, phong=lobe), camera, (light(azimuth, 0.6),))).radiance
+        for mesh, azimuth in ((flat, 0.3), (backward, np.pi - 0.3))
+    ]
+    np.testing.assert_allclose(pictures[0][:, ::-1], pictures[1], atol=1e-4 * pictures[0].max())
+    assert np.abs(pictures[0] - pictures[1]).max() > 0.1 * pictures[0].max()
+
+
+@pytest.mark.parametrize("elevation_rad", [0.5 * np.pi, -0.5 * np.pi])
+def test_poles_of_the_sphere_and_the_statue_are_drawn_without_holes(gl, srf, elevation_rad):
+    """Where the texture shrinks to a point both renderers still draw numbers, and the same ones."""
+    for mesh in (sphere(shape=(24, 48)), statue(shape=(60, 40))):
+        camera = framed(mesh, (81, 81), azimuth_rad=0.0, elevation_rad=elevation_rad)
+        scene = Scene(mesh, srf, camera, (light(0.4, elevation_rad * 0.7),))
+        drawn, reference = gl.draw(scene), ReferenceRenderer().draw(scene)
+        middle = np.s_[36:45, 36:45]
+        assert drawn.mask[middle].all()
+        assert np.isfinite(drawn.radiance).all()
+        error = np.abs(drawn.radiance - reference.radiance)[middle]
+        assert np.median(error) <= 1e-3 * reference.radiance.max()
 
 
 def test_a_surface_hides_what_lies_behind_it(gl, flat):

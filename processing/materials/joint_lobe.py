@@ -23,8 +23,9 @@ from processing.products.arrays import Float64
 _GRID = 32
 _TEXELS_IN_GRID = 4096  # the misfit, a mean of squares over them, is good to a percent
 _STEPS = 30
-# Less than this share of a column left beside the residual is rounding: the residual can say all of the column.
-_SMALLEST_SHARE = 1e-9
+# Of N.L or of the lobe, what the residual cannot say as well; less is none, as singular values under RANK_TOLERANCE.
+# On spheres and arms N.L has 0.002 to 0.05 beside s . H and polynomials, 3e-6 where a basis contains it.
+_SMALLEST_SHARE = RANK_TOLERANCE**2
 
 
 class Shapes(Protocol):
@@ -107,11 +108,15 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """A `lobe` fitted beside the residuals, and the `equations` of the texels and the `weighting` that told it."""
+    """A `lobe` fitted beside the residuals, and the `equations` of the texels and the `weighting` that told it.
+
+    `bounds` are those of the logarithm of the exponent; None where there were too few samples for a search.
+    """
 
     lobe: PhongFit
     equations: ResidualEquations
     weighting: Weighting
+    bounds: tuple[float, float] | None
 
 
 def fit_phong_beside_residual(
@@ -128,20 +133,25 @@ def fit_phong_beside_residual(
     count = int(valid.any(axis=2).sum())
     if valid.sum(axis=(0, 1)).min() < 3:
         equations = ResidualEquations.of(measurements, geometry, ALIKE, rank_tolerance)
-        return JointFit(no_fit(FitStatus.TOO_FEW_SAMPLES, count), equations, ALIKE)
-    cos_half = np.exp(np.broadcast_to(geometry.log_half, valid.shape[1::-1])[valid.any(axis=2).T])
-    low, high = np.log(sampled_exponents(cos_half))
-    shapes = RoundShapes([(low, high)])
-    few = measurements.texels(_spread(geometry, _TEXELS_IN_GRID))
-    alike = ResidualEquations.of(few, SampleGeometry.of(few, basis), ALIKE, rank_tolerance)
-    first = refined(alike, shapes, coarse(alike, shapes, np.linspace(low, high, _GRID)[:, None]))
-    weighting = Weighting(True, misfit(few, alike, first.cost))
-    few_weighted = ResidualEquations.of(few, alike.geometry, weighting, rank_tolerance)
-    second = refined(few_weighted, shapes, first.shape)
+        return JointFit(no_fit(FitStatus.TOO_FEW_SAMPLES, count), equations, ALIKE, None)
+    bounds = _exponent_bounds(geometry, valid)
+    shapes = RoundShapes([bounds])
+    chosen = spread(geometry)
+    few = measurements.texels(chosen)
+    alike = ResidualEquations.of(few, geometry.some(chosen), ALIKE, rank_tolerance)
+    first = refined(alike, shapes, coarse(alike, shapes, np.linspace(*bounds, _GRID)[:, None]))
+    power = shapes.columns(alike.geometry, first.shape)[:, 1]
+    weighting = Weighting(True, alike.misfit(few, power, first.coefficients))
     equations = ResidualEquations.of(measurements, geometry, weighting, rank_tolerance)
-    return JointFit(
-        _result(refined(equations, shapes, second.shape), equations, (low, high), count), equations, weighting
-    )
+    found = refined(equations, shapes, refined(equations.some(chosen), shapes, first.shape).shape)
+    return JointFit(_result(found, shapes, equations, count), equations, weighting, bounds)
+
+
+def _exponent_bounds(geometry: SampleGeometry, valid: NDArray[np.bool_]) -> tuple[float, float]:
+    """Of the logarithm of n."""
+    log_half = np.broadcast_to(geometry.log_half, valid.shape[1::-1])
+    low, high = np.log(sampled_exponents(np.exp(log_half[valid.any(axis=2).T])))
+    return float(low), float(high)
 
 
 def coarse(equations: ResidualEquations, shapes: Shapes, candidates: Float64) -> Float64:
@@ -172,19 +182,7 @@ def refined(equations: ResidualEquations, shapes: Shapes, start: Float64) -> Sol
     return best
 
 
-def misfit(measurements: Measurements, alike: ResidualEquations, cost: Float64) -> Float64:
-    """Variance (3,) per sample beyond the noise, from the sum of squares (3,) that equally weighted samples leave over.
-
-    The unknowns of the texels are counted: with p of them among N samples the sum is N - p times the variance.
-    """
-    valid = measurements.valid
-    samples, unknowns = valid.sum(axis=(0, 1)), alike.rank.sum(axis=0, dtype=np.int64)
-    noise = np.where(valid, measurements.variance, 0.0).sum(axis=(0, 1), dtype=np.float64)
-    over = cost / np.maximum(samples - unknowns, 1) - noise / np.maximum(samples, 1)
-    return np.asarray(np.where(samples > unknowns, np.maximum(over, 0.0), 0.0), np.float64)
-
-
-def _spread(geometry: SampleGeometry, count: int) -> NDArray[np.intp]:
+def spread(geometry: SampleGeometry, count: int = _TEXELS_IN_GRID) -> NDArray[np.intp]:
     """Indices of texels: half of them evenly spread, half those that come nearest to a highlight."""
     texels = len(geometry.log_half)
     if texels <= count:
@@ -206,17 +204,23 @@ def _coefficients(raw: Float64, projected: Float64) -> tuple[Float64, NDArray[np
     return k, share.T
 
 
-def _result(found: Solution, equations: ResidualEquations, bounds: tuple[float, float], count: int) -> PhongFit:
-    k, exponent = found.coefficients, float(np.exp(found.shape[0]))
-    if not (np.isfinite(k).all() and np.isfinite(exponent)):
-        return no_fit(FitStatus.DIVERGED, count)
-    free = np.concatenate([found.free.ravel(), [bool(found.free[1].any())]])
-    covariance, index = np.zeros((7, 7)), np.ix_(free, free)
+def parameters(found: Solution, shapes: Shapes) -> tuple[Float64, FitStatus]:
+    """Covariance (6 + p, 6 + p) of k_d, k_s and the shape, zeros for what rests on a bound, and whether any does."""
+    free = np.concatenate([found.free.ravel(), np.full(len(found.shape), found.free[1].any())])
+    covariance, index = np.zeros((len(free), len(free))), np.ix_(free, free)
     covariance[index] = np.linalg.pinv(found.information()[index], hermitian=True)
+    low, high = np.transpose(shapes.bounds)
+    inside = bool(((found.shape > low + 1e-3) & (found.shape < high - 1e-3)).all())
+    return covariance, FitStatus.CONVERGED if free.all() and inside else FitStatus.AT_BOUND
+
+
+def _result(found: Solution, shapes: Shapes, equations: ResidualEquations, count: int) -> PhongFit:
+    k, exponent = found.coefficients, float(np.exp(found.shape[0]))
+    covariance, status = parameters(found, shapes)
+    if not np.isfinite([*k.ravel(), exponent, *covariance.ravel()]).all():
+        return no_fit(FitStatus.DIVERGED, count)
     by_exponent = np.array([1.0] * 6 + [exponent])
     fit = equations.fit(np.exp(exponent * equations.geometry.log_half), k)
     mse = fit.after / np.maximum(fit.samples.sum(axis=0), 1)
-    inside = bounds[0] + 1e-3 < found.shape[0] < bounds[1] - 1e-3
-    status = FitStatus.CONVERGED if free.all() and inside else FitStatus.AT_BOUND
     lobe = BlinnPhong(k[0], k[1], exponent)
     return PhongFit(lobe, covariance * by_exponent * by_exponent[:, None], mse, count, status)

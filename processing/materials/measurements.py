@@ -89,12 +89,23 @@ class Measurements:
             self.view if self.view.shape[1] == 1 else self.view[:, chosen],
         )
 
-    def excess_variance(self, error: Float64) -> Float64:
-        """Mean squared `error` (direction, texel, 3) beyond the samples' own noise, per channel, at least 0."""
+    def misfit_variance(self, error: Float64) -> Float64:
+        """`misfit_variance` (3,) of an `error` (direction, texel, 3)."""
         valid = self.valid
-        count = np.maximum(valid.sum(axis=(0, 1)), 1)
-        beyond = np.where(valid, error**2 - self.variance, 0.0).sum(axis=(0, 1)) / count
-        return np.asarray(np.maximum(beyond, 0.0), np.float64)
+        return misfit_variance(*(np.where(valid, one, 0.0).reshape(-1, 3).T for one in (error, self.variance)))
+
+
+def misfit_variance(error: Float64, variance: Float64) -> Float64:
+    """What a model cannot follow, as a variance per channel beyond the samples' own; arguments (channel, sample).
+
+    (sum e^4 / 3 - sum v^2) / sum e^2, at least 0. Nothing where the errors are noise of these variances, the variance
+    of a misfit that is everywhere and normal, and a third of its square where it sits in few samples, as in highlights:
+    a mean over all would leave those next to no weight, as they are the brightest and so the noisiest.
+    """
+    square = np.asarray(error, np.float64) ** 2
+    total = square.sum(axis=1)
+    beyond = (square**2).sum(axis=1) / 3 - (np.asarray(variance, np.float64) ** 2).sum(axis=1)
+    return np.asarray(np.where(total > 0, np.maximum(beyond, 0.0) / np.where(total > 0, total, 1.0), 0.0), np.float64)
 
 
 def sphere_measurements(maps: ReflectanceMaps) -> Measurements:

@@ -115,10 +115,12 @@ def sampled_exponents(cos_half: Float64) -> tuple[float, float]:
     The narrowest lobe still has eight samples and two distinct half angles above half of its maximum; beyond that
     nothing holds n.
     """
-    angle = np.sort(np.arccos(np.clip(cos_half, 0.0, 1.0)))
-    distinct = angle[angle > angle[0] + _DISTINCT_ANGLES_RAD]
-    second = distinct[0] if len(distinct) else angle[-1]
-    width = max(float(angle[min(_SMALLEST_COUNT_IN_LOBE, len(angle)) - 1]), float(second))
+    count = min(_SMALLEST_COUNT_IN_LOBE, len(cos_half))
+    nearest = np.partition(np.clip(cos_half, 0.0, 1.0), len(cos_half) - count)
+    angle = np.arccos(nearest[len(cos_half) - count :])
+    distinct = nearest[nearest < np.cos(angle.min() + _DISTINCT_ANGLES_RAD)]
+    second = np.arccos(distinct.max()) if len(distinct) else angle.max()
+    width = max(float(angle.max()), float(second))
     with np.errstate(divide="ignore"):
         largest = float(np.log(0.5) / np.log(np.cos(np.clip(width, 1e-4, np.pi / 2))))
     return SMALLEST_EXPONENT, min(max(largest, 2 * SMALLEST_EXPONENT), _LARGEST_EXPONENT)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.materials.measurements import Measurements
+from processing.materials.measurements import Measurements, misfit_variance
 from processing.materials.residual_kernels import arrange, fit, inner_products, invert
 from processing.materials.sample_geometry import SampleGeometry
 from processing.products.arrays import Float32, Float64
@@ -100,6 +100,17 @@ class ResidualEquations:
         )
         return cls(geometry, value, weights, *invert(geometry.basis, weights, rank_tolerance**2))
 
+    def some(self, texels: NDArray[np.intp] | slice) -> "ResidualEquations":
+        """Those of some texels."""
+        return ResidualEquations(
+            self.geometry.some(texels),
+            self.value[texels],
+            self.weights[texels],
+            self.inverse[texels],
+            self.rank[texels],
+            self.condition[texels],
+        )
+
     def products(self, columns: Float64) -> tuple[Float64, Float64]:
         """Weighted inner products (3, c + 1, c + 1) of c columns and, last, the samples: as they are, and projected.
 
@@ -117,3 +128,21 @@ class ResidualEquations:
         before, after, spread = sums[:, :3].sum(axis=0)
         peak = float(sums[:, 3].max(initial=0.0))
         return ResidualFit(found, self.rank, self.condition, samples, before, after, spread, peak)
+
+    def misfit(self, measurements: Measurements, power: Float64, coefficients: Float64) -> Float64:
+        """`misfit_variance` (3,) of lobe and residual, for equations of these measurements that count all alike.
+
+        A sample's noise shows in its error less what the fit followed: its share of the unknowns is taken off.
+        """
+        fit = self.fit(power, coefficients)
+        lobe = np.stack([self.geometry.cos_light, np.broadcast_to(power, self.geometry.cos_light.shape)])
+        error = self.value - np.einsum("ktd,kc->tcd", lobe, coefficients)
+        error -= np.einsum("tck,tkd->tcd", np.nan_to_num(fit.coefficients), self._functions())
+        taken = np.einsum("tkd,tckl,tld->tcd", self._functions(), self.inverse, self._functions(), optimize=True)
+        variance = np.where(self.weights > 0, np.moveaxis(measurements.variance, 0, 2) * (1 - taken), 0.0)
+        error = np.where(self.weights > 0, error, 0.0)
+        return misfit_variance(*(np.moveaxis(one, 1, 0).reshape(3, -1) for one in (error, variance)))
+
+    def _functions(self) -> Float64:
+        """The basis of every texel, (texel, k, direction)."""
+        return np.broadcast_to(self.geometry.basis, (len(self.value), *self.geometry.basis.shape[1:]))

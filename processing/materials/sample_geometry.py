@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from processing.materials.measurements import Measurements
 from processing.products import BlinnPhong, Lobe, ResidualBasis
@@ -37,6 +38,12 @@ class SampleGeometry:
         """Of all samples of the measurements."""
         light, view = np.ascontiguousarray(measurements.light), np.ascontiguousarray(measurements.view)
         return cls(*_tabulate(light, view, _CODES[basis], basis.size))
+
+    def some(self, texels: NDArray[np.intp] | slice) -> "SampleGeometry":
+        """Of some texels."""
+        if len(self.cos_light) == 1:
+            return self
+        return SampleGeometry(self.basis[texels], self.cos_light[texels], self.log_half[texels], self.twice[texels])
 
     def power(self, lobe: Lobe) -> Float64:
         """(N.H)^n of the lobe, (texel or 1, direction)."""

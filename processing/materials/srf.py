@@ -141,7 +141,7 @@ def fit_phong(measurements: Measurements) -> PhongFit:
     texel's own colour does not pass for a precise measurement of the lobe.
     """
     first = fit_blinn_phong(measurements.lobe_samples(np.zeros(3)))
-    excess = measurements.excess_variance(measurements.delta(first.phong))
+    excess = measurements.misfit_variance(measurements.delta(first.phong))
     return fit_blinn_phong(measurements.lobe_samples(excess))
 
 

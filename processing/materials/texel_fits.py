@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.materials.joint_lobe import fit_phong_beside_residual, misfit
+from processing.materials.joint_lobe import fit_phong_beside_residual
 from processing.materials.measurements import Measurements
 from processing.materials.phong import PhongFit
 from processing.materials.residual import ALIKE, ResidualEquations, ResidualFit, Weighting
@@ -76,6 +76,7 @@ def _residual(equations: Iterable[ResidualEquations], lobe: Lobe) -> ResidualFit
 
 def _weighting(samples: Samples, model: Model, lobe: Lobe) -> Weighting:
     """By the noise and by what the lobe and residuals of some texels, all samples counted alike, do not follow."""
-    few = samples.take(samples.texels[:: max(len(samples.texels) // _TEXELS_FOR_MISFIT, 1)][:MOST_SAMPLES])
+    texels = min(_TEXELS_FOR_MISFIT, max(MOST_SAMPLES // len(samples.for_lobe.value), 1))
+    few = samples.take(samples.texels[:: max(len(samples.texels) // texels, 1)])
     alike = model.equations(few, ALIKE)
-    return Weighting(True, misfit(few, alike, _residual([alike], lobe).after))
+    return Weighting(True, alike.misfit(few, alike.geometry.power(lobe), np.stack([lobe.diffuse, lobe.specular])))

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.materials.limb import SphereImage, find_sphere
-from processing.materials.measurements import sphere_measurements
 from processing.materials.photographs import BodyPhotographs
 from processing.materials.reflectance_map import reflectance_maps
 from processing.materials.sight import CircleSight, Sight, sight_of_sphere
-from processing.materials.srf import SrfFit, fit_phong, fit_srf
+from processing.materials.srf import SrfFit, fit_srf
 from processing.materials.white_card import card_irradiance
 from processing.products import ReflectanceMaps
 from processing.radiometry.mosaic import demosaic
@@ -56,8 +55,8 @@ def measure_maps(
 
 
 def fit_material(maps: ReflectanceMaps) -> SrfFit:
-    """The joint Blinn-Phong lobe and the residual over it."""
-    return fit_srf(maps, fit_phong(sphere_measurements(maps)).phong)
+    """The Blinn-Phong lobe and the residual, found together."""
+    return fit_srf(maps)
 
 
 def _seen(

@@ -1,14 +1,17 @@
 """`rig export` and `rig rti`: pictures for relighting viewers, of products and of other people's photographs."""
 
 from collections.abc import Iterator
+from math import degrees
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from processing.errors import ImageError
 from processing.formats.ptm import write_ptm
 from processing.formats.relight import write_relight
 from processing.formats.rti import write_rti
+from processing.materials.photometric_stereo import find_normals
 from processing.materials.ptm import (
     PtmFit,
     PtmStatus,
@@ -19,14 +22,15 @@ from processing.materials.ptm import (
     reproduction_db,
     stack_pictures,
 )
-from processing.products import LightStack, RelightableImage, ResidualBasis, StoredBtf
+from processing.products import LightStack, NormalMap, RelightableImage, ResidualBasis, StoredBtf
 from processing.products.arrays import Float64
+from render.picture import save_image
 from service.files import check_folder, filled, replaced
 from service.light_photographs import read_photographs
 from service.viewing import kind_of
 
 PTM, RTI = ".ptm", ".rti"
-PICTURE, WEB = "picture.ptm", "web"
+PICTURE, WEB, STACK, NORMALS = "picture.ptm", "web", "light_stack", "normals"
 
 
 def export_product(product: Path, out: Path, *, luminance: bool = False, harmonics: bool = False) -> Iterator[str]:
@@ -52,28 +56,47 @@ def relight_photographs(
 ) -> Iterator[str]:
     """Turn a folder of photographs with an .lp into what relighting and shape need, all in the folder `out`.
 
-    A .ptm and a web folder of the photographs themselves, and the product light_stack, which
-    `export_product` takes. Nothing is written where something is wrong. Raises ImageError.
+    A .ptm and a web folder of the photographs themselves, and the products light_stack, which `export_product` takes,
+    and normals. Nothing is written where something is wrong. Raises ImageError.
     """
     check_folder(out)
     photographs = read_photographs(source, mask, linear=linear)
     values, lights = photographs.display_values(), photographs.lights
     fit = fit_ptm(values, lights)
     yield from _about(fit, reproduction_db(fit.image, values, lights), len(lights))
+    stack = photographs.stack(pixel_m)
+    normals = find_normals(stack)
+    yield _about_normals(normals)
     with filled(out) as part:
         write_ptm(part / PICTURE, fit.image)
         write_relight(part / WEB, fit.image)
-        photographs.stack(pixel_m).save(part / "light_stack")
-    yield f"{out / PICTURE}: for RTI viewers"
-    yield f"{out / WEB}: for web viewers"
-    yield f"{out / 'light_stack'}: product, for `rig export`"
+        stack.save(part / STACK)
+        normals.save(part / NORMALS)
+        save_image(part / f"{NORMALS}.png", normal_picture(normals))
+    yield f"{out / PICTURE}: for RTI viewers; {WEB}: for web viewers; {STACK}: for `rig export`"
+    yield f"{out / NORMALS}.png: normals, x y z as red green blue; {NORMALS}: the product"
+
+
+def normal_picture(normals: NormalMap) -> NDArray[np.uint8]:
+    """x, y and z of the normals, -1 to 1, as red, green and blue (y, x, 3); black where there is none."""
+    codes = np.rint(127.5 * (np.nan_to_num(normals.normals) + 1))
+    return np.where(normals.measured[..., None], codes, 0).astype(np.uint8)
+
+
+def _about_normals(normals: NormalMap) -> str:
+    if not normals.measured.any():
+        return "no normals: four lights or more, not in one plane, must reach a pixel that is not saturated"
+    angle = degrees(float(np.sqrt(np.median(normals.variance[normals.measured]))))
+    return f"normals of {normals.measured.mean():.1%} of the pixels, to {angle:.2f} deg (median of one sigma)"
 
 
 def _check_out(out: Path, *, luminance: bool, harmonics: bool) -> None:
     if out.suffix.lower() not in (PTM, RTI, ""):
         raise ImageError(f"{out}: a polynomial texture map is {PTM}, harmonics are {RTI}; no ending means a folder.")
-    if harmonics and (luminance or out.suffix.lower() == PTM):
-        raise ImageError(f"{out}: a {PTM}, and one colour per pixel, are of polynomials; leave --harmonics out.")
+    if luminance and out.suffix.lower() != PTM:
+        raise ImageError(f"{out}: one colour per pixel is known of {PTM} only; leave --luminance out.")
+    if harmonics and out.suffix.lower() == PTM:
+        raise ImageError(f"{out}: a {PTM} is a polynomial; harmonics are {RTI}, or a folder.")
     check_folder(out)
 
 

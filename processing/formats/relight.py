@@ -1,8 +1,8 @@
 """Relightable images for web viewers: a folder with info.json and coefficient planes as JPEG, as Relight writes it.
 
 OpenLIME and other viewers of that project open it. Each JPEG holds three planes: of RGB, one coefficient of the three
-channels; of LRGB, first the colour, then three coefficients each. Coefficient = (byte / 255 - bias) * scale, display
-values 0 to 1, in the order 1, x, y, x^2, xy, y^2, or the terms of a .rti. Row 0 is the top.
+channels; of LRGB, which is read only, first the colour, then three coefficients each. Coefficient = (byte / 255 - bias)
+* scale, display values 0 to 1, in the order 1, x, y, x^2, xy, y^2, or the terms of a .rti. Row 0 is the top.
 """
 
 import json
@@ -27,10 +27,10 @@ _TYPES = {ResidualBasis.BIQUADRATIC: "ptm", ResidualBasis.HEMISPHERICAL: "hsh"}
 def write_relight(folder: Path, image: RelightableImage) -> None:
     """Write info.json and plane_0.jpg and so on into `folder`, which is made.
 
-    Raises ImageError for hemispherical harmonics with a colour of their own, which viewers do not know.
+    Raises ImageError for images with a colour of their own: OpenLIME makes their luminance the transparency too.
     """
-    if image.colour is not None and image.basis is not ResidualBasis.BIQUADRATIC:
-        raise ImageError(f"{folder}: luminance times colour is for biquadratic images only; leave the colour in")
+    if image.colour is not None:
+        raise ImageError(f"{folder}: web viewers show luminance times colour wrongly; write it as .ptm")
     pictures, scale, bias = _planes(image)
     folder.mkdir(parents=True, exist_ok=True)
     for number, picture in enumerate(pictures):
@@ -39,28 +39,22 @@ def write_relight(folder: Path, image: RelightableImage) -> None:
         )
     description = {
         "width": image.coefficients.shape[2], "height": image.coefficients.shape[1], "format": "jpg",
-        "type": _TYPES[image.basis], "colorspace": "rgb" if image.colour is None else "lrgb",
-        "nplanes": 3 * len(pictures), "quality": QUALITY,
-        "materials": [{"scale": _listed(scale), "bias": _listed(bias)}],
+        "type": _TYPES[image.basis], "colorspace": "rgb", "nplanes": 3 * len(pictures),
+        "quality": QUALITY, "materials": [{"scale": _listed(scale), "bias": _listed(bias)}],
     }  # fmt: skip
     if image.lights is not None:
         description["lights"] = _listed(image.lights)
     (folder / INFO).write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
 
 
-def _planes(image: RelightableImage) -> tuple[list[Bytes], Float64, Float64]:
-    """Pictures (y, x, 3) of three planes each, and the scale and the bias of every plane."""
+def _planes(image: RelightableImage) -> tuple[Bytes, Float64, Float64]:
+    """A picture (y, x, 3) for each term, and scale and bias of every plane (term, channel)."""
     order, signs = _terms(image.basis)
     planes = np.moveaxis(image.coefficients, -1, 1) * signs[:, None, None, None].astype(np.float32)
     ranges = np.array([[value_range(plane) for plane in term] for term in planes])  # (k, channel, 2)
     low, scale = ranges[..., 0], np.maximum(np.ptp(ranges, axis=-1), 1e-9)
-    codes = to_bytes(image, Steps(signs[:, None] * scale / TOP, signs[:, None] * low))[order]
-    scale, bias = scale[order], -low[order] / scale[order]
-    if image.colour is None:
-        return list(codes), scale, bias
-    triples = np.moveaxis(codes[..., 0].reshape(-1, 3, *codes.shape[1:3]), 1, -1)
-    colour = np.rint(np.clip(image.colour, 0, 1) * TOP).astype(np.uint8)
-    return [colour, *triples], np.append(np.ones(3), scale), np.append(np.zeros(3), bias)
+    codes = to_bytes(image, Steps(signs[:, None] * scale / TOP, signs[:, None] * low))
+    return codes[order], scale[order], -low[order] / scale[order]
 
 
 def _terms(basis: ResidualBasis) -> tuple[list[int], Float64]:

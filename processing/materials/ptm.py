@@ -58,11 +58,13 @@ def fit_ptm(values: Values, lights: Float64, basis: ResidualBasis = ResidualBasi
     out = np.empty((basis.size, columns.shape[1]), np.float32)
     ptm_kernel.apply(columns, _solving_matrix(functions, white), out)
     rank = int(np.linalg.matrix_rank(functions, rtol=RANK_TOLERANCE))
-    status = np.full(columns.shape[1], _status(rank, functions), np.uint8)
+    status = np.full(values.shape[1:3], _status(rank, functions), np.uint8)
     if values.dtype == np.float32:
-        ptm_kernel.solve_gaps(columns, functions, RANK_TOLERANCE, out, status)
+        by_value = np.repeat(status.ravel(), 3)
+        ptm_kernel.solve_gaps(columns, functions, RANK_TOLERANCE, out, by_value)
+        status = by_value.reshape(values.shape[1:]).max(axis=-1)
     image = RelightableImage(out.reshape(basis.size, *values.shape[1:]), basis, lights=np.asarray(lights, np.float64))
-    return PtmFit(image, rank, status.reshape(values.shape[1:]).max(axis=-1))
+    return PtmFit(image, rank, status)
 
 
 def stack_pictures(stack: LightStack) -> tuple[Float32, Float64]:

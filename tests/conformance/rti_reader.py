@@ -88,7 +88,5 @@ def web_pixel(folder, column, row, light):
     values = [(p / 255 - b) * s for p, b, s in zip(planes, material["bias"], material["scale"], strict=True)]
     x, y, _ = light
     weights = [1, x, y, x * x, x * y, y * y] if info["type"] == "ptm" else hsh_weights(light)
-    if info["colorspace"] == "lrgb":
-        luminance = sum(w * v for w, v in zip(weights, values[3:], strict=True))
-        return [255 * luminance * channel for channel in values[:3]]
+    assert info["colorspace"] == "rgb"
     return [255 * sum(w * v for w, v in zip(weights, values[channel::3], strict=True)) for channel in range(3)]

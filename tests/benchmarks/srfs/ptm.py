@@ -119,7 +119,7 @@ def _files(scene: Scene) -> Iterator[dict[str, object]]:
     kinds = {
         ".ptm": ("PTM", write_ptm, read_ptm), ".ptm, LRGB": ("LRGB", write_ptm, read_ptm),
         ".rti": ("HSH", write_rti, read_rti), "web, PTM": ("PTM", write_relight, read_relight),
-        "web, LRGB": ("LRGB", write_relight, read_relight), "web, HSH": ("HSH", write_relight, read_relight),
+        "web, HSH": ("HSH", write_relight, read_relight),
     }  # fmt: skip
     for kind, (fit, write, read) in kinds.items():
         back, size = _through(write, read, fits[fit])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from processing.errors import ImageError
 from processing.formats.coefficient_bytes import Steps, to_bytes, value_range
@@ -26,7 +27,6 @@ FORMATS = {
     "lrgb": (as_lrgb(PTM), write_ptm, read_ptm, 0.02),
     "rti": (HSH, write_rti, read_rti, 0.02),
     "web": (PTM, write_relight, read_relight, 0.3),  # JPEG
-    "web-lrgb": (as_lrgb(PTM), write_relight, read_relight, 0.3),
     "web-hsh": (HSH, write_relight, read_relight, 0.5),
 }
 
@@ -128,6 +128,21 @@ def test_missing_files_are_refused(tmp_path, read):
         read(tmp_path / "absent")
 
 
+def test_web_folder_of_luminance_and_colour_is_read(tmp_path):
+    """As Relight writes it: the colour's plane, then three coefficients in each picture."""
+    codes = np.arange(2 * 9, dtype=np.uint8).reshape(1, 2, 9) * 10
+    for number in range(3):
+        picture = Image.fromarray(np.repeat(np.repeat(codes[..., 3 * number : 3 * number + 3], 8, 0), 8, 1))
+        picture.save(tmp_path / f"plane_{number}.jpg", quality=100, subsampling="4:4:4")
+    material = {"scale": [1, 1, 1, 2, 2, 2, 4, 4, 4], "bias": [0, 0, 0, 0.5, 0, 0, 0, 0, 0]}
+    info = {"type": "ptm", "colorspace": "lrgb", "nplanes": 9, "materials": [material]}
+    (tmp_path / "info.json").write_text(json.dumps(info))
+    image = read_relight(tmp_path)
+    np.testing.assert_allclose(image.colour[4, 3], codes[0, 0, :3] / 255, atol=0.02)
+    expected = (codes[0, 1, 3:] / 255 - [0.5, 0, 0, 0, 0, 0]) * [2, 2, 2, 4, 4, 4]
+    np.testing.assert_allclose(image.coefficients[:, 4, 12, 0], expected, atol=0.05)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -156,7 +171,7 @@ def test_a_missing_plane_is_named(tmp_path):
 
 
 def test_writers_refuse_other_bases(tmp_path):
-    for write, image in ((write_ptm, HSH), (write_rti, PTM), (write_relight, as_lrgb(HSH)), (write_rti, as_lrgb(HSH))):
+    for write, image in ((write_ptm, HSH), (write_rti, PTM), (write_relight, as_lrgb(PTM)), (write_rti, as_lrgb(HSH))):
         with pytest.raises(ImageError):
             write(tmp_path / "a", image)
     assert not list(tmp_path.iterdir())

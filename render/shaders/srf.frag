@@ -1,6 +1,5 @@
 // A lobe plus s(P) . basis(L, V) (processing.products.Srf.evaluate; Ma et al. 2004, eq. 6).
 #include "bilinear.glsl"
-#include "frames.glsl"
 #include "lobe.glsl"
 #include "residual_basis.glsl"
 
@@ -45,8 +44,10 @@ float exponent_toward(vec2 h) {
 }
 
 vec3 outgoing(Material here, vec3 light) {
-    vec3 half_vector = unit(light + here.view);
-    vec3 total = diffuse * light.z + specular * lobe(half_vector, exponent_toward(half_vector.xy));
+    vec3 between = light + here.view;
+    float inverse_square = 1.0 / max(dot(between, between), 1e-37);
+    vec3 half_vector = between * sqrt(inverse_square);
+    vec3 total = diffuse * light.z + specular * lobe(between, inverse_square, exponent_toward(between.xy));
     float[BASIS_SIZE] functions = residual_basis(light, here.view, half_vector);
     for (int k = 0; k < BASIS_SIZE; ++k) {
         total += functions[k] * vec3(coefficient(here, k, 0), coefficient(here, k, 1), coefficient(here, k, 2));

@@ -244,7 +244,7 @@ def displacement(
 
 @app.command()
 def export(
-    product: Annotated[Path, typer.Argument(help="Folder of a product: a light_stack or a btf.")],
+    product: Annotated[Path, typer.Argument(help="Folder of a product: reflectance_maps, a light_stack or a btf.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="A .ptm, an .rti, or a folder for web viewers.")],
     luminance: Annotated[
         bool, typer.Option("--luminance", help="One colour per pixel, only its brightness follows the light (LRGB).")

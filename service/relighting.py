@@ -19,10 +19,11 @@ from processing.materials.ptm import (
     as_lrgb,
     btf_pictures,
     fit_ptm,
+    map_pictures,
     reproduction_db,
     stack_pictures,
 )
-from processing.products import LightStack, NormalMap, RelightableImage, ResidualBasis, StoredBtf
+from processing.products import LightStack, NormalMap, ReflectanceMaps, RelightableImage, ResidualBasis, StoredBtf
 from processing.products.arrays import Float64
 from render.picture import save_image
 from service.files import check_folder, filled, replaced
@@ -106,7 +107,11 @@ def _pictures(product: Path) -> tuple[Values, Float64]:
         return stack_pictures(LightStack.load(product))
     if kind == "btf":
         return btf_pictures(StoredBtf.open(product))
-    raise ImageError(f"{product}: of a {kind} no camera's pictures are kept; a light_stack or a btf can be exported.")
+    if kind == "reflectance_maps":
+        return map_pictures(ReflectanceMaps.load(product))
+    raise ImageError(
+        f"{product}: a {kind} holds no pictures; reflectance_maps, a light_stack or a btf can be exported."
+    )
 
 
 def _write(out: Path, image: RelightableImage) -> None:

@@ -13,9 +13,19 @@ from numpy.typing import NDArray
 
 from processing.errors import ImageError
 from processing.materials import ptm_kernel
-from processing.products import Btf, LightStack, RelightableImage, ResidualBasis, StoredBtf
+from processing.products import (
+    Btf,
+    LightStack,
+    ReflectanceMaps,
+    RelightableImage,
+    ResidualBasis,
+    StoredBtf,
+    bilinear_taps,
+    sphere_uv,
+)
 from processing.products.arrays import Float32, Float64
 from processing.products.relightable_image import evaluate_basis, metric
+from processing.products.sphere import gradient_grid
 from processing.radiometry.display import srgb
 
 # Smaller shares of the largest singular value count as 0. Between 0.02 and 0.03, photographs of a public gray sphere
@@ -23,6 +33,9 @@ from processing.radiometry.display import srgb
 RANK_TOLERANCE = 0.02
 _WHITE = 99.5  # percentile of the values that are shown as white, as in `radiometry.display`
 _SURVEYED = 1_000_000  # values that tell it to a hundredth of a percent
+
+_MAPPED_HALF_WIDTH = np.sqrt(0.5) - 1e-6  # radii: n_x at p = 1, q = 0; within 1 along the diagonal too
+_STACK_FROM_SPHERE = np.array([1.0, -1.0, -1.0])  # y up and z toward the camera, from y down and z away from it
 
 Values = NDArray[np.uint8] | NDArray[np.uint16] | Float32
 
@@ -82,6 +95,21 @@ def btf_pictures(btf: Btf | StoredBtf) -> tuple[Float32, Float64]:
     view = int(np.argmax(btf.view_directions[:, 2]))
     cosines = np.maximum(btf.light_directions[:, 2], 0.0).astype(np.float32)
     return display_values(btf.seen_from(view) * cosines[:, None, None, None]), btf.light_directions
+
+
+def map_pictures(maps: ReflectanceMaps) -> tuple[Float32, Float64]:
+    """Display values (light, y, x, 3) of a sphere's mapped part as its camera sees it, and the lights' directions.
+
+    Seen orthographically, as many pixels wide as the maps; beyond p, q = +-1 is NaN.
+    """
+    size = maps.reflectance_cos.shape[1]
+    x, y = np.meshgrid(*[gradient_grid(size) * _MAPPED_HALF_WIDTH] * 2)
+    uv = sphere_uv(np.stack([x, y, -np.sqrt(1 - x * x - y * y)], axis=-1))
+    inside = (np.abs(uv - 0.5) <= 0.5).all(axis=-1)
+    rows, columns, taps = bilinear_taps(uv[inside], size, size, wrap=False)
+    seen = np.full(maps.reflectance_cos.shape, np.nan, np.float32)
+    seen[:, inside] = np.einsum("nt,lntc->lnc", taps, maps.reflectance_cos[:, rows, columns])
+    return display_values(seen), maps.light_directions * _STACK_FROM_SPHERE
 
 
 def display_values(linear: Float32) -> Float32:

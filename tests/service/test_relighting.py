@@ -12,7 +12,7 @@ from processing.formats.ptm import read_ptm
 from processing.formats.relight import read_relight
 from processing.formats.rti import read_rti
 from processing.materials.ptm import fit_ptm, reproduction_db
-from processing.products import Btf, LightStack, NormalMap
+from processing.products import Btf, LightStack, NormalMap, ReflectanceMaps
 from processing.radiometry.display import linear_of_srgb, srgb8
 from service.relighting import export_product, relight_photographs
 from tests.reference.ptm import board, dome
@@ -78,6 +78,15 @@ def test_a_btf_is_exported_as_seen_from_above(tmp_path):
     assert seen.min() > 0.9  # a matt board is white where the light is above
 
 
+def test_a_sphere_is_exported(tmp_path):
+    maps = np.full((24, 16, 16, 3), 0.1, np.float32)
+    lights = LIGHTS * [1, -1, -1]
+    ReflectanceMaps(maps, maps, lights, np.full(24, np.inf), np.inf).save(tmp_path / "maps")
+    lines = list(export_product(tmp_path / "maps", tmp_path / "a.rti"))
+    assert lines[-1].endswith("16 x 16 pixels over hemispherical")
+    assert read_rti(tmp_path / "a.rti").evaluate(LIGHTS[3])[8, 8] == pytest.approx(1, abs=0.02)
+
+
 def test_lights_of_one_arc_are_told(tmp_path):
     angles = np.deg2rad(np.linspace(-60, 60, 12))
     arc = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=-1)
@@ -108,7 +117,7 @@ def test_other_products_are_refused(tmp_path):
         np.zeros((*shape, 3), np.float32), np.zeros((*shape, 3), np.float32), np.zeros(shape, np.float32),
         np.zeros(shape, np.uint8), 1e-4,
     ).save(tmp_path / "normals")  # fmt: skip
-    with pytest.raises(ImageError, match="of a normals no camera's pictures are kept"):
+    with pytest.raises(ImageError, match="normals holds no pictures"):
         list(export_product(tmp_path / "normals", tmp_path / "a.ptm"))
     with pytest.raises(FileNotFoundError, match="its folder does not exist"):
         list(export_product(tmp_path / "normals", tmp_path / "absent" / "a.ptm"))

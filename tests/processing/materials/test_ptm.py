@@ -13,10 +13,11 @@ from processing.materials.ptm import (
     btf_pictures,
     display_values,
     fit_ptm,
+    map_pictures,
     reproduction_db,
     stack_pictures,
 )
-from processing.products import Btf, LightStack, RelightableImage, ResidualBasis
+from processing.products import Btf, LightStack, ReflectanceMaps, RelightableImage, ResidualBasis, sphere_normals
 from processing.products.relightable_image import evaluate_basis, metric
 from tests.reference.ptm import board, dome, least_squares
 
@@ -138,6 +139,30 @@ def test_stack_and_btf_give_the_same_pictures_of_the_same_thing():
     np.testing.assert_array_equal(btf_lights, lights)
     assert np.isnan(values[0, 0, 0]).all()
     assert (values[np.isfinite(values)] < 0.9999).mean() == pytest.approx(0.995, abs=0.003)
+
+
+def test_a_sphere_is_seen_as_its_camera_sees_it():
+    """A matt sphere's picture is its cosine, y up: light from above brightens the upper rows."""
+    size = 40
+    lights = LIGHTS * [1, -1, -1]  # of the sphere's frame
+    cosine = np.maximum(sphere_normals(size) @ lights.T, 0)  # (q, p, light)
+    maps = np.repeat(np.moveaxis(cosine, -1, 0)[..., None], 3, axis=-1).astype(np.float32)
+    values, directions = map_pictures(
+        ReflectanceMaps(maps, np.ones_like(maps), lights, np.full(len(lights), np.inf), np.inf)
+    )
+    np.testing.assert_allclose(directions, LIGHTS)
+    x, y = np.meshgrid(*[((np.arange(size) + 0.5) * 2 / size - 1) * np.sqrt(0.5)] * 2)
+    normal = np.stack([x, -y, np.sqrt(1 - x * x - y * y)], axis=-1)
+    seen = np.isfinite(values[0, ..., 0])
+    assert seen.mean() > 0.8
+    expected = display_values(np.maximum(np.moveaxis(normal @ LIGHTS.T, -1, 0), 0)[..., None].astype(np.float32))
+    ratio = values[:, seen, 0] / np.maximum(expected[:, seen, 0], 0.05)
+    well_lit = expected[:, seen, 0] > 0.4
+    off = np.abs(ratio[well_lit] / np.median(ratio[well_lit]) - 1)
+    assert np.percentile(off, 95) < 0.005
+    assert off.max() < 0.05  # beyond the outermost texel's centre its value goes on
+    picture = fit_ptm(values, directions).image.evaluate(np.array([0.0, 0.8, 0.6]))
+    assert np.nanmean(picture[5:15]) > 1.3 * np.nanmean(picture[25:35])
 
 
 def test_display_values_of_any_scale():

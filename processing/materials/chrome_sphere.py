@@ -10,8 +10,8 @@ from processing.errors import ImageError
 from processing.materials.limb import SphereImage
 from processing.products.arrays import Float64
 
-_BRIGHT = 0.5  # of the brightest pixel: what belongs to the highlight
-_LEAST_RISE = 3.0  # of the highlight over the brightest percent of the sphere beside it
+_BRIGHT = 0.9  # of the brightest pixel: what belongs to the highlight and not to the streaks of a scratched sphere
+_LEAST_RISE = 3.0  # of the highlight over what nine tenths of the sphere are darker than
 
 
 def sphere_of_mask(mask: NDArray[np.bool_]) -> SphereImage:
@@ -54,10 +54,8 @@ def highlight_px(image: NDArray[np.floating], sphere: SphereImage, number: int =
     row, column = np.ogrid[: image.shape[0], : image.shape[1]]
     inside = np.hypot(column - sphere.centre_px[0], row - sphere.centre_px[1]) < sphere.radius_px
     value = np.where(inside & np.isfinite(image), image, 0.0).astype(np.float64)
-    bright = value > _BRIGHT * value.max()
-    regions, count = ndimage.label(bright)
-    rest = value[inside & ~ndimage.binary_dilation(bright, iterations=3)]
-    if count == 0 or rest.size == 0 or value.max() < _LEAST_RISE * np.percentile(rest, 99):
+    regions, count = ndimage.label(value > _BRIGHT * value.max())
+    if count == 0 or value.max() < _LEAST_RISE * np.percentile(value[inside], 90):
         raise ImageError(f"image {number} of the chrome sphere shows no highlight that stands out")
     largest = 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
     return np.array(ndimage.center_of_mass(value, regions, largest))[::-1]

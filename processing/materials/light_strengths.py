@@ -1,0 +1,62 @@
+"""How strong each light of others' pictures was, from the pictures themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from processing.errors import ImageError
+from processing.materials.photometric_stereo import find_normals
+from processing.products import LightStack
+from processing.products.arrays import Float64
+
+_PIXELS = 2000
+_ROUNDS = 30
+_SETTLED = 1e-3
+_STEP = 1.5  # of the whole correction: normals follow the strengths, so that each round closes only part of the gap
+_LIT = 0.3  # of the brightest light of a pixel: fainter ones tell a strength badly
+
+
+def light_strengths(stack: LightStack) -> Float64:
+    """Strength of each light (light,) relative to their geometric mean, for values that no white card was seen with.
+
+    Normals that all lights but one explain tell how bright that one must be; medians over the surface, in turns with
+    the normals. A curved surface under six lights or more, not all in a plane, determines them. Lights are distant.
+    Raises ImageError where too little of the picture shows a matt surface under all lights.
+    """
+    pixels = _some_pixels(stack)
+    strengths = np.ones(len(stack.light_directions))
+    for _ in range(_ROUNDS):
+        found = find_normals(divided(pixels, strengths))
+        if np.count_nonzero(found.measured) < 20:
+            raise ImageError("the pictures do not tell how strong their lights are: too little of them is matt and lit")
+        grey = found.normals[found.measured] * found.albedo[found.measured].mean(axis=1, keepdims=True) / np.pi
+        shown = pixels.reflectance_cos[:, found.measured].mean(axis=-1) / strengths[:, None]
+        ratio = _ratios(shown, stack.light_directions @ grey.T)
+        strengths *= ratio**_STEP
+        strengths /= np.exp(np.log(strengths).mean())
+        if np.abs(ratio - 1).max() < _SETTLED:
+            break
+    return strengths
+
+
+def divided(stack: LightStack, strengths: Float64) -> LightStack:
+    """The stack as if all lights were equally strong."""
+    scale = strengths[:, None, None, None].astype(np.float32)
+    return replace(stack, reflectance_cos=stack.reflectance_cos / scale, variance=stack.variance / scale**2)
+
+
+def _some_pixels(stack: LightStack) -> LightStack:
+    """A column of pixels that every light shows."""
+    value, variance = (part.reshape(len(part), -1, 3) for part in (stack.reflectance_cos, stack.variance))
+    whole = np.flatnonzero(np.isfinite(value).all(axis=(0, 2)))
+    whole = whole[:: max(len(whole) // _PIXELS, 1)]
+    distant = np.full(len(value), np.inf)
+    value, variance = value[:, whole, None], variance[:, whole, None]
+    return replace(stack, reflectance_cos=value, variance=variance, light_distances_m=distant)
+
+
+def _ratios(shown: Float64, model: Float64) -> Float64:
+    """Median of what is seen over what is predicted (light, pixel), of samples that are well lit."""
+    lit = (model > _LIT * model.max(axis=0)) & (shown > 0)
+    ratios = np.where(lit, shown / np.where(lit, model, 1.0), np.nan)
+    return np.array([np.median(ratio[np.isfinite(ratio)]) if np.isfinite(ratio).any() else 1.0 for ratio in ratios])

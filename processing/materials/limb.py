@@ -2,7 +2,8 @@
 
 Each light shows only the part of the limb that faces it, and next to the terminator the sphere fades out before it
 ends. So the lights are joined first, each pixel by the one that shows it best; then the limb is sought ray by ray, from
-the dark outside inward, and a circle is fitted to it robustly.
+the dark outside inward, and a circle is fitted to it robustly. `limb_profile` tells from all rays together how far the
+sphere reaches beyond it.
 """
 
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from processing.errors import ImageError
+from processing.materials.limb_profile import DEPTHS_PX, limb_depth_px, mean_profile
 from processing.products.arrays import Float64
 from processing.robust import biweight, bulk_deviation
 
@@ -64,7 +66,21 @@ def find_sphere(images: NDArray[np.floating]) -> SphereImage:
     for window_px in _WINDOWS_PX:
         sphere = _fit_circle(circle, *_limb_points(brightest, circle, window_px))
         circle = np.array([*sphere.centre_px, sphere.radius_px])
-    return sphere
+    return _at_the_limb(sphere, brightest)
+
+
+def _at_the_limb(sphere: SphereImage, image: Float64) -> SphereImage:
+    """The circle where the sphere ends, from the one where it has half of its brightness; that one where none tells."""
+    outward = sphere.limb_px - sphere.centre_px
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    points = sphere.centre_px + outward[:, None] * (sphere.radius_px - DEPTHS_PX)[:, None]
+    profile = mean_profile(_sample(image, points[..., 0], points[..., 1]))
+    depth_px, sigma_px = (np.nan, np.nan) if profile is None else limb_depth_px(profile)
+    if np.isnan(depth_px):
+        return sphere
+    covariance = sphere.covariance_px2 + np.diag([0.0, 0.0, sigma_px**2])
+    limb_px = sphere.limb_px - depth_px * outward
+    return SphereImage(sphere.centre_px, sphere.radius_px - depth_px, covariance, limb_px)
 
 
 def _rough_circle(image: Float64) -> Float64:

@@ -27,9 +27,8 @@ def run(*, quick: bool) -> Result:
         shots = [SphereShots(1, material, "front", ARM[::2]) for material in MATERIALS]
         shots += [SphereShots(1, material, "cam7", DOME[::2]) for material in MATERIALS[::3]]
     else:
-        shots = [
-            SphereShots(s, m, camera, lights) for s in SEEDS for m in MATERIALS for camera, lights in CAMERAS.items()
-        ]
+        spheres = [(seed, material) for seed in SEEDS for material in MATERIALS]
+        shots = [SphereShots(*sphere, *camera) for sphere in spheres for camera in CAMERAS.items()]
     found = [circle_errors(one) for one in shots]
     figures = {
         "sphere_centre_px": max(row["centre_px"] for row in found),
@@ -59,8 +58,7 @@ def spread(found: list[dict[str, object]]) -> list[dict[str, object]]:
     rows = []
     for name in ("centre_px", "radius_px"):
         errors = np.abs([row[name] for row in found])
-        median, p95, worst = np.percentile(errors, (50, 95, 100))
-        rows.append({"distribution of": name, "median": median, "p95": p95, "worst": worst, "spheres": len(found)})
+        rows.append({"distribution of": name, "spheres": len(found), **_distribution(errors)})
     return rows
 
 
@@ -69,10 +67,9 @@ def map_errors(shots: SphereShots, *, orthographic: bool) -> dict[str, object]:
     measured, true = shots.maps(SIZE, orthographic=orthographic).reflectance_cos, shots.true_maps(SIZE)
     both = np.isfinite(measured) & np.isfinite(true)
     error = np.abs(measured - true)[both] / np.nanmax(true)
-    median, p95, worst = np.percentile(error, (50, 95, 100))
     return {
         "method": "maps, camera taken as distant" if orthographic else "maps", "input": _name(shots),
-        "rms": float(np.sqrt(np.mean(error**2))), "median": median, "p95": p95, "worst": worst,
+        "rms": float(np.sqrt(np.mean(error**2))), **_distribution(error),
         "brightness": float(measured[both].sum() / true[both].sum()), "measured": float(np.isfinite(measured).mean()),
     }  # fmt: skip
 
@@ -88,9 +85,14 @@ def hard_cases(shots: SphereShots) -> list[dict[str, object]]:
     }
     return [
         {"method": f"limb, {case}", "input": _name(shots), "radius_px": found.radius_px - radius_px,
-         "centre_px": float(np.linalg.norm(found.centre_px + (left, 0) - centre_px))}
+         "centre_px": float(np.linalg.norm(found.centre_px + np.array([left, 0]) - centre_px))}
         for case, (found, left) in cases.items()
     ]  # fmt: skip
+
+
+def _distribution(errors: np.ndarray) -> dict[str, float]:
+    median, p95, worst = map(float, np.percentile(errors, (50, 95, 100)))
+    return {"median": median, "p95": p95, "worst": worst}
 
 
 def _name(shots: SphereShots) -> str:

@@ -1,31 +1,64 @@
-"""Pictures under every light, normals and the surface of a body of any shape, from an `srf` session."""
+"""Pictures under every light, normals, the surface and its SRF of a body of any shape, from an `srf` session."""
 
 from pathlib import Path
 
 import numpy as np
 
 from processing.materials.light_pictures import light_stack
+from processing.materials.measurements import view_frames
+from processing.materials.photometric_stereo import find_normals
 from processing.materials.sight import sight_of_body
+from processing.materials.srf import fit_srf_to_stack
+from processing.materials.surface import integrate, triangulate
+from processing.products import LightStack, NormalMap
+from render.mesh import Mesh
+from render.mesh_file import save_mesh
 from rig.sessions import Session, SrfPlan
 from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 from service.pipeline.lit_body import read_body, white_card
+from service.viewing import SKIN_MESH
+
+PRODUCTS = ("light_stack", "normals", "srf")
 
 
 def make_shape(session: Session, calibrations: Calibrations, progress: Progress) -> list[Path]:
-    """Pictures of one light each.
+    """Pictures of one light each, normals by photometric stereo, the SRF on them, and beside it the surface.
 
     Raises CalibrationError where the camera was not calibrated: without it nothing tells the scale.
     """
-    assert isinstance(session.plan, SrfPlan)
-    camera = calibrations.camera(session.plan.camera)
-    folders = [session.products / "light_stack"]
+    folders = [session.products / name for name in PRODUCTS]
     inputs = fingerprint(session.frames(), {"calibrations": calibrations.digest()})
     if all(is_current(folder, inputs) for folder in folders):
         return folders
+    stack = measure_stack(session, calibrations, progress, inputs)
+    normals = find_normals(stack)
+    depth_m = integrate(normals)
+    normals = find_normals(stack, depth_m)  # again, now that it is known how near each point is to each light
+    fit = fit_srf_to_stack(stack, normals)
+    for product, folder in zip((stack, normals, fit.srf), folders, strict=True):
+        product.save(folder)
+    save_mesh(folders[-1] / SKIN_MESH, surface_mesh(normals, integrate(normals)))
+    return folders
+
+
+def measure_stack(
+    session: Session, calibrations: Calibrations, progress: Progress, inputs: dict[str, object]
+) -> LightStack:
+    """Pictures of the body under every light, about the middle of the rig."""
+    assert isinstance(session.plan, SrfPlan)
+    camera = calibrations.camera(session.plan.camera)
     body = read_body(session, calibrations, progress)
     sight = sight_of_body(camera, np.zeros(3))
     photographs = body.photographs(sight.centre_m, sight.rig_from_view, sight.radius_m)
-    stack = light_stack(photographs, sight, white_card(session.plan), provenance(session, inputs))
-    stack.save(folders[0])
-    return folders
+    return light_stack(photographs, sight, white_card(session.plan), provenance(session, inputs))
+
+
+def surface_mesh(normals: NormalMap, depth_m: np.ndarray) -> Mesh:
+    """The surface in the view frame, with the measured normals and the tangent frames that the SRF is fitted in."""
+    positions, triangles, uv = triangulate(depth_m, normals.pixel_m)
+    rows, columns = depth_m.shape
+    row, column = (np.rint(uv[:, ::-1] * (rows, columns) - 0.5)).astype(np.intp).T
+    normal = normals.normals[row, column].astype(np.float64)
+    tangents = np.column_stack([view_frames(normal)[:, 0], np.ones(len(normal))])
+    return Mesh(positions, normal, tangents, uv, triangles)

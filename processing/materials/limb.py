@@ -66,15 +66,15 @@ def find_sphere(images: NDArray[np.floating]) -> SphereImage:
     for window_px in _WINDOWS_PX:
         sphere = _fit_circle(circle, *_limb_points(brightest, circle, window_px))
         circle = np.array([*sphere.centre_px, sphere.radius_px])
-    return _at_the_limb(sphere, brightest)
+    return _at_the_limb(sphere, np.where(missing, np.nan, scaled))
 
 
-def _at_the_limb(sphere: SphereImage, image: Float64) -> SphereImage:
+def _at_the_limb(sphere: SphereImage, images: Float64) -> SphereImage:
     """The circle where the sphere ends, from the one where it has half of its brightness; that one where none tells."""
     outward = sphere.limb_px - sphere.centre_px
     outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
     points = sphere.centre_px + outward[:, None] * (sphere.radius_px - DEPTHS_PX)[:, None]
-    profile = mean_profile(_sample(image, points[..., 0], points[..., 1]))
+    profile = mean_profile(np.stack([_sample(image, points[..., 0], points[..., 1]) for image in images]))
     depth_px, sigma_px = (np.nan, np.nan) if profile is None else limb_depth_px(profile)
     if np.isnan(depth_px):
         return sphere

@@ -16,21 +16,26 @@ from processing.products.arrays import Float64
 # left 0.08 px rms of the radius, six left 0.13: farther in, three terms no longer describe a glaze or a lobe.
 DEPTHS_PX = np.arange(-4.0, 4.0, 0.25)
 _PLATEAU_PX = (1.0, 3.0)  # where a ray's own brightness is read
-_LEAST_SHARE = 0.3  # of the typical brightness that a ray must have
+_LEAST_OF_RAY, _LEAST_OF_ALL = 0.3, 0.1  # share of its own largest brightness, and of the median of these
 _FINE_PX = 0.05
 _BLUR_PX = (0.3, 0.9, 2.5)  # least, start and most
 _FARTHEST_PX = 1.5
 
 
 def mean_profile(rays: Float64) -> Float64 | None:
-    """Mean of rays (n, sample), sampled at `DEPTHS_PX`, over their own brightness; None where no ray is whole."""
+    """Mean of rays (light, ray, sample), each over its own brightness, at `DEPTHS_PX`; None where none is lit.
+
+    Every light that reaches a ray counts, not the brightest alone: that would be a highlight at the limb where there is
+    one, whose brightness changes too fast.
+    """
     inside = (DEPTHS_PX > _PLATEAU_PX[0]) & (DEPTHS_PX < _PLATEAU_PX[1])
-    whole = rays[np.isfinite(rays).all(axis=1)]
-    level = whole[:, inside].mean(axis=1)
-    bright = level > _LEAST_SHARE * np.median(level) if len(level) else np.zeros(0, bool)
+    whole = np.isfinite(rays).all(axis=2)
+    level = np.where(whole, np.nan_to_num(rays[..., inside].mean(axis=2)), 0.0)
+    most = level.max(axis=0)
+    bright = level > np.maximum(_LEAST_OF_RAY * most, _LEAST_OF_ALL * np.median(most[most > 0]) if most.any() else 0.0)
     if not bright.any():
         return None
-    return np.asarray(whole[bright].sum(axis=0) / level[bright].sum(), np.float64)
+    return np.asarray((rays[bright] / level[bright][:, None]).mean(axis=0), np.float64)
 
 
 def limb_depth_px(profile: Float64) -> tuple[float, float]:
@@ -44,7 +49,8 @@ def limb_depth_px(profile: Float64) -> tuple[float, float]:
     found = least_squares(_left, (0.0, np.log(start)), bounds=bounds, args=(profile,), x_scale=(0.1, 0.1))
     at_bound = bool(found.active_mask.any())
     freedom = len(profile) - 6
-    information = found.jac.T @ found.jac * freedom / max(2 * found.cost, 1e-30)
+    jacobian = np.asarray(found.jac, np.float64)
+    information = jacobian.T @ jacobian * freedom / max(2 * found.cost, 1e-30)
     if not found.success or at_bound or np.linalg.matrix_rank(information) < 2:
         return float("nan"), float("nan")
     return float(found.x[0]), float(np.sqrt(np.linalg.inv(information)[0, 0]))

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from processing.materials.light_pictures import light_stack
 from processing.materials.measurements import view_frames
@@ -35,10 +36,11 @@ def make_shape(session: Session, calibrations: Calibrations, progress: Progress)
     normals = find_normals(stack)
     depth_m = integrate(normals)
     normals = find_normals(stack, depth_m)  # again, now that it is known how near each point is to each light
-    fit = fit_srf_to_stack(stack, normals)
-    for product, folder in zip((stack, normals, fit.srf), folders, strict=True):
-        product.save(folder)
-    save_mesh(folders[-1] / SKIN_MESH, surface_mesh(normals, integrate(normals)))
+    stack.save(folders[0])
+    normals.save(folders[1])
+    folders[2].mkdir(parents=True, exist_ok=True)
+    save_mesh(folders[2] / SKIN_MESH, surface_mesh(normals, integrate(normals)))
+    fit_srf_to_stack(stack, normals).srf.save(folders[2])
     return folders
 
 
@@ -54,7 +56,7 @@ def measure_stack(
     return light_stack(photographs, sight, white_card(session.plan), provenance(session, inputs))
 
 
-def surface_mesh(normals: NormalMap, depth_m: np.ndarray) -> Mesh:
+def surface_mesh(normals: NormalMap, depth_m: NDArray[np.float64]) -> Mesh:
     """The surface in the view frame, with the measured normals and the tangent frames that the SRF is fitted in."""
     positions, triangles, uv = triangulate(depth_m, normals.pixel_m)
     rows, columns = depth_m.shape

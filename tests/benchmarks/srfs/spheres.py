@@ -23,20 +23,27 @@ SIZE = 64  # texels of three pixels: what a texel shows is what its camera can t
 
 def run(*, quick: bool) -> Result:
     """Three rigs; quick one of them, from above every second material and nothing at 50 deg."""
-    if quick:
-        shots = [SphereShots(1, material, "front", ARM[::2]) for material in MATERIALS]
-        shots += [SphereShots(1, material, "cam7", DOME[::2]) for material in MATERIALS[::3]]
-    else:
-        spheres = [(seed, material) for seed in SEEDS for material in MATERIALS]
-        shots = [SphereShots(*sphere, *camera) for sphere in spheres for camera in CAMERAS.items()]
-    found = [circle_errors(one) for one in shots]
+    found, maps, hard = [], [], []
+    for number, (seed, material, camera, lights) in enumerate(_quick() if quick else _all()):
+        shots = SphereShots(seed, material, camera, lights)
+        found.append(circle_errors(shots))
+        if not quick or number < 2:
+            maps += [map_errors(shots, orthographic=distant) for distant in (False, True)]
+        if not hard:
+            hard = hard_cases(shots)
     figures = {
         "sphere_centre_px": max(row["centre_px"] for row in found),
         "sphere_radius_px": max(abs(row["radius_px"]) for row in found),
     }
-    rows = [*spread(found), *found]
-    rows += [map_errors(one, orthographic=far) for one in shots[: 2 if quick else None] for far in (False, True)]
-    return Result(figures, [*rows, *hard_cases(shots[0])])
+    return Result(figures, [*spread(found), *found, *maps, *hard])
+
+
+def _all():
+    return [(s, m, camera, lights) for s in SEEDS for m in MATERIALS for camera, lights in CAMERAS.items()]
+
+
+def _quick():
+    return [(1, m, "front", ARM[::2]) for m in MATERIALS] + [(1, m, "cam7", DOME[::2]) for m in MATERIALS[::3]]
 
 
 def circle_errors(shots: SphereShots) -> dict[str, object]:

@@ -34,8 +34,6 @@ def make_shape(session: Session, calibrations: Calibrations, progress: Progress)
         return folders
     stack = measure_stack(session, calibrations, progress, inputs)
     normals = find_normals(stack)
-    depth_m = integrate(normals)
-    normals = find_normals(stack, depth_m)  # again, now that it is known how near each point is to each light
     stack.save(folders[0])
     normals.save(folders[1])
     folders[2].mkdir(parents=True, exist_ok=True)

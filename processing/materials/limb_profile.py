@@ -20,6 +20,9 @@ _LEAST_OF_RAY, _LEAST_OF_ALL = 0.3, 0.1  # share of its own largest brightness, 
 _FINE_PX = 0.05
 _BLUR_PX = (0.3, 0.9, 2.5)  # least, start and most
 _FARTHEST_PX = 1.5
+_AT_BOUND = 1e-3
+_LEAST_HEIGHT = 1e-3  # of a profile that is not flat, over its largest value
+_TOLERANCE = 1e-12
 
 
 def mean_profile(rays: Float64) -> Float64 | None:
@@ -45,9 +48,15 @@ def limb_depth_px(profile: Float64) -> tuple[float, float]:
     the depth is NaN.
     """
     least, start, most = _BLUR_PX
+    height = float(np.ptp(profile))
+    if not height > _LEAST_HEIGHT * np.abs(profile).max():
+        return float("nan"), float("nan")
     bounds = ((-_FARTHEST_PX, np.log(least)), (_FARTHEST_PX, np.log(most)))
-    found = least_squares(_left, (0.0, np.log(start)), bounds=bounds, args=(profile,), x_scale=(0.1, 0.1))
-    at_bound = bool(found.active_mask.any())
+    found = least_squares(
+        _left, (0.0, np.log(start)), bounds=bounds, args=(profile / height,),
+        ftol=_TOLERANCE, xtol=_TOLERANCE, gtol=_TOLERANCE,
+    )  # fmt: skip
+    at_bound = bool((np.abs(found.x - np.array(bounds)) < _AT_BOUND).any())
     freedom = len(profile) - 6
     jacobian = np.asarray(found.jac, np.float64)
     information = jacobian.T @ jacobian * freedom / max(2 * found.cost, 1e-30)

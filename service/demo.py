@@ -199,7 +199,7 @@ def _srf_stage(out: Path, session: Session, simulation: Simulation, watch: Stopw
         watch.wall_s["process srf"],
         None,
         (
-            Measure("srf_mse_over_phong_mse", errors.mse_over_phong, "", "error of SRF over that of the lobe", 0.85),
+            Measure("srf_mse_over_phong_mse", errors.mse_over_phong, "", "squared error over that of one lobe", 0.85),
             Measure("srf_mse", errors.mse_srf, "", "mean squared error of the SRF, of values normalised to 1"),
             Measure("maps_p95", errors.maps.p95, "", "error of the measured maps over the peak, 95th percentile"),
         ),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
+from processing.materials.basis_choice import choose_basis
 from processing.materials.phong import LobeSamples, fit_blinn_phong
 from processing.materials.srf import SrfFit, fit_phong_per_direction, fit_phong_to_btf, fit_srf, fit_srf_to_btf
 from processing.products import BlinnPhong, Btf, Lobe, ResidualBasis
@@ -50,7 +51,7 @@ def constant(samples: Samples) -> tuple[Predict, int]:
 def phong(samples: Samples) -> tuple[Predict, int]:
     """The single lobe of least squared error: all samples count alike, as in the error that is reported."""
     lobe = _least_squares_lobe(samples)
-    return partial(_lobe_values, lobe), _LOBE
+    return lambda asked: np.broadcast_to(_lobe_values(lobe, asked), asked.true.shape), _LOBE
 
 
 def texel_mean(samples: Samples) -> tuple[Predict, int]:
@@ -85,15 +86,39 @@ def svd(rank: int, samples: Samples) -> tuple[Predict, int]:
     return lambda asked: (between(_places(asked)) @ maps).reshape(asked.true.shape), rank * sum(filled.shape)
 
 
-METHODS: Mapping[str, Fit] = {
-    "constant": constant,
-    "Phong": phong,
-    "mean per texel": texel_mean,
-    "PTM": partial(polynomial, ResidualBasis.BIQUADRATIC),
-    "SRF, averaged lobes": srf_averaged,
-    "SRF, joint lobe": partial(srf_joint, ResidualBasis.HALF),
-    "SVD": partial(svd, 3),  # 9 values a texel, as s . H
-}
+def eight_methods(best: ResidualBasis) -> Mapping[str, Fit]:
+    """All by name, simple ones first; `best` is the basis of the last SRF."""
+    return {
+        "constant": constant,
+        "Phong": phong,
+        "mean per texel": texel_mean,
+        "PTM": partial(polynomial, ResidualBasis.BIQUADRATIC),
+        "SRF, averaged lobes": srf_averaged,
+        "SRF, joint lobe": partial(srf_joint, ResidualBasis.HALF),
+        "SRF, best basis": partial(srf_joint, best),
+        "SVD, as large": partial(svd, ResidualBasis.HALF.size),
+    }
+
+
+def of_each_size() -> Mapping[str, Mapping[int, list[Fit]]]:
+    """Families of methods by their values per texel."""
+    bases = [(3 * basis.size, basis) for basis in ResidualBasis]
+    sizes = sorted({size for size, _ in bases})
+    return {
+        "SRF": {size: [partial(srf_joint, basis) for own, basis in bases if own == size] for size in sizes},
+        "no lobe": {size: [partial(polynomial, basis) for own, basis in bases if own == size] for size in sizes},
+        "SVD": {size: [partial(svd, size // 3)] for size in sizes},
+    }
+
+
+def nearest_basis(samples: Samples) -> ResidualBasis:
+    """That whose SRF comes nearest to the samples it is fitted to."""
+    return min(ResidualBasis, key=lambda basis: _fit(samples, None, basis).mse_srf)
+
+
+def foretelling_basis(samples: Samples) -> ResidualBasis:
+    """That of cross-validation over the directions of the samples."""
+    return choose_basis(samples.measurements).basis
 
 
 def _fit(samples: Samples, lobe: Lobe | None, basis: ResidualBasis) -> SrfFit:
@@ -122,26 +147,28 @@ def _of_srf(fit: SrfFit) -> tuple[Predict, int]:
     texels = np.nan_to_num(srf.residual).reshape(channels, height * width, size)
 
     def predict(asked: Samples) -> Array:
-        residual = np.einsum("dtk,ctk->dtc", _functions(srf.basis, asked), texels, optimize=True)
-        return _lobe_values(srf.phong, asked) + residual
+        functions = _functions(srf.basis, asked)
+        if functions.shape[1] == 1:
+            return _lobe_values(srf.phong, asked) + np.einsum("dk,ctk->dtc", functions[:, 0], texels, optimize=True)
+        return _lobe_values(srf.phong, asked) + np.einsum("dtk,ctk->dtc", functions, texels)
 
     return predict, srf.residual.size + (0 if srf.phong is _NO_LOBE else _LOBE)
 
 
 def _places(samples: Samples) -> Array:
-    """A point for each direction: light and view of the middle texel, on the disc below them."""
-    middle = samples.light.shape[1] // 2
-    view = np.broadcast_to(samples.view[:, middle % samples.view.shape[1]], (len(samples.light), 3))
-    return np.concatenate([samples.light[:, middle, :2], view[:, :2]], axis=1)
+    """A point for each direction: the light's, of a BTF also the view's, on the disc below."""
+    if isinstance(samples.source, Btf):
+        return np.concatenate([samples.light[:, 0, :2], samples.view[:, 0, :2]], axis=1)
+    return samples.source.light_directions
 
 
 def _lobe_values(lobe: Lobe, asked: Samples) -> Array:
+    """Values (direction, texel or 1, 3)."""
     light, view = np.broadcast_arrays(asked.light, asked.view)
     return lobe.evaluate(light.reshape(-1, 3), view.reshape(-1, 3)).reshape(light.shape)
 
 
 def _functions(basis: ResidualBasis, asked: Samples) -> Array:
-    """Values (direction, texel, k), the texels' axis repeated where all have the same directions."""
+    """Values (direction, texel or 1, k)."""
     light, view = np.broadcast_arrays(asked.light, asked.view)
-    values = basis.evaluate(light.reshape(-1, 3), view.reshape(-1, 3)).reshape(*light.shape[:2], basis.size)
-    return np.broadcast_to(values, (len(values), asked.true.shape[1], basis.size))
+    return basis.evaluate(light.reshape(-1, 3), view.reshape(-1, 3)).reshape(*light.shape[:2], basis.size)

@@ -34,8 +34,9 @@ class Samples:
     """A material by direction and texel: `true` values and `measured` ones (direction, texel, 3), 1/sr.
 
     `light` and `view` are unit vectors (direction or 1, texel or 1, 3) in the tangent frame; `shape` the rows and
-    columns of the texels; `source` what the measured values came in. NaN where the light does not reach. `held` are
-    the directions that a fit is not shown when it is asked for others than it has seen.
+    columns of the texels; `source` what the measured values came in, `place` (direction,) where in a BTF's pairs. NaN
+    where the light does not reach. `held` are the directions that a fit is not shown when it is asked for others than
+    it has seen.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Samples:
     view: Array
     shape: tuple[int, int]
     source: ReflectanceMaps | Btf
+    place: Array
     held: Array
 
     @property
@@ -52,28 +54,32 @@ class Samples:
         """The measured samples in the form that fits take."""
         if isinstance(self.source, ReflectanceMaps):
             return sphere_measurements(self.source)
-        return btf_measurements(self.source, np.arange(self.shape[0] * self.shape[1]))
+        return btf_measurements(self.source, np.arange(self.shape[0] * self.shape[1])).directions(self.place)
 
     def only(self, wanted: Array) -> "Samples":
         """The samples of some directions (direction,), a mask."""
         light, view = (ways if len(ways) == 1 else ways[wanted] for ways in (self.light, self.view))
+        place = self.place[wanted]
+        source = _pairs(self.source, place) if isinstance(self.source, Btf) else _lights(self.source, wanted)
         return replace(
-            self, true=self.true[wanted], measured=self.measured[wanted], light=light, view=view,
-            source=_only(self.source, wanted), held=self.held[wanted],
+            self, true=self.true[wanted], measured=self.measured[wanted], light=light, view=view, source=source,
+            place=place, held=self.held[wanted],
         )  # fmt: skip
 
 
-def _only(source: ReflectanceMaps | Btf, wanted: Array) -> ReflectanceMaps | Btf:
-    """A BTF keeps its axes and loses the values of the other pairs."""
-    if isinstance(source, Btf):
-        kept = wanted.reshape(source.shape[:2])[:, :, None, None, None]
-        return replace(source, reflectance=np.where(kept, source.reflectance, np.float32(np.nan)))
+def _pairs(btf: Btf, place: Array) -> Btf:
+    """The axes stay, the values of all other pairs go."""
+    kept = np.isin(np.arange(btf.shape[0] * btf.shape[1]), place).reshape(btf.shape[0], btf.shape[1], 1, 1, 1)
+    return replace(btf, reflectance=np.where(kept, btf.reflectance, np.float32(np.nan)))
+
+
+def _lights(maps: ReflectanceMaps, wanted: Array) -> ReflectanceMaps:
     return replace(
-        source,
-        reflectance_cos=source.reflectance_cos[wanted],
-        variance=source.variance[wanted],
-        light_directions=source.light_directions[wanted],
-        light_distances=source.light_distances[wanted],
+        maps,
+        reflectance_cos=maps.reflectance_cos[wanted],
+        variance=maps.variance[wanted],
+        light_directions=maps.light_directions[wanted],
+        light_distances=maps.light_distances[wanted],
     )
 
 
@@ -105,7 +111,7 @@ def _sphere(name: str, lights_m: Array, eye_m: Array, size: int, seed: int) -> S
     found = sphere_measurements(maps)
     values = (_lit(some.reshape(len(true), -1, 3), found.light) for some in (true, noisy))
     held = np.arange(len(true)) % 3 == 1
-    return Samples(name, *values, found.light, found.view, (size, size), maps, held)
+    return Samples(name, *values, found.light, found.view, (size, size), maps, np.arange(len(true)), held)
 
 
 def far_btf(sample: str, texels: int, rays: int, every: int, seed: int) -> Samples:
@@ -119,7 +125,7 @@ def far_btf(sample: str, texels: int, rays: int, every: int, seed: int) -> Sampl
     light, view = np.repeat(lights, len(views), axis=0)[:, None], np.tile(views, (len(lights), 1))[:, None]
     values = (some.reshape(len(light), -1, 3) for some in ((reflectance * cosine).astype(np.float32), noisy))
     held = rng.permutation(len(light)) < len(light) // 2
-    return Samples(sample, *values, light, view, (texels, texels), btf, held)
+    return Samples(sample, *values, light, view, (texels, texels), btf, np.arange(len(light)), held)
 
 
 def bonn_directions() -> Array:

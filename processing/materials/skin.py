@@ -30,7 +30,7 @@ from processing.materials.skin_canvas import (
 from processing.materials.skin_cut import least_cut
 from processing.materials.skin_example import CELL_TEXELS, Example, Fitter, example_of
 from processing.materials.skin_field import tangent_field
-from processing.materials.skin_patch import Layout, Sheet, empty_sheet, lay_flat, layout_of
+from processing.materials.skin_patch import Layout, Sheet, empty_sheet, further_out, lay_flat, layout_of
 from processing.materials.skin_seams import close_seams
 from processing.materials.skin_surface import Int32, Surface, refine, weld
 from processing.materials.skin_turn import turning_table
@@ -40,6 +40,7 @@ from processing.products.srf import Srf
 # Radius of a patch over the example's shorter side: half of the example fits into a patch, and it into many places.
 _RADIUS = 0.25
 _LEAST_RADIUS_TEXELS = 8.0
+_AHEAD = 0.3  # of a radius from an open texel: within what a patch shows in any case
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,17 +103,20 @@ def _grown(example: Example, layout: Layout, texels: Texels, turning: Float64, s
     canvas, sheet = empty_canvas(example, len(texels.index)), empty_sheet(layout)
     source, rng = Source(example.coefficients, example.seen, turning), np.random.default_rng(seed)
     cells = 2 * int(_RADIUS * min(example.coefficients.shape[:2]) / CELL_TEXELS)
-    fitter = Fitter(example, cells)
+    fitter, radius = Fitter(example, cells), 0.5 * cells * CELL_TEXELS
     number = 0
-    for texel in _outward(layout, texels):
+    distance, order = _outward(layout, texels)
+    for texel in order:
         if canvas.cover[texel] >= COVERED:
             continue
-        filled = lay_flat(layout, sheet, _nearest_corner(layout, texels, texel), 0.5 * cells * CELL_TEXELS, number)
-        piece = sheet.first(filled)
-        middle, radii = _fitted(fitter, canvas, piece, rng)
-        cut_in(canvas, piece, source, middle, radii, number)
-        canvas.cover[texel] = max(canvas.cover[texel], COVERED)
-        number += 1
+        corner = _nearest_corner(layout, texels, texel)
+        # A patch that begins further out has more to cover; if that misses the texel, one at its own corner does not.
+        for seed in (further_out(layout, distance, corner, _AHEAD * radius), corner):
+            if canvas.cover[texel] < COVERED:
+                piece = sheet.first(lay_flat(layout, sheet, seed, radius, number))
+                middle, radii = _fitted(fitter, canvas, piece, rng)
+                cut_in(canvas, piece, source, middle, radii, number)
+                number += 1
     return canvas
 
 
@@ -129,8 +133,8 @@ def _fitted(fitter: Fitter, canvas: Canvas, piece: Sheet, rng: Generator) -> tup
     return middle, CELL_TEXELS * least_cut(error, mask, reach)
 
 
-def _outward(layout: Layout, texels: Texels) -> NDArray[np.int64]:
-    """Texels in order of their triangle's distance along the edges from the first vertex of each connected part."""
+def _outward(layout: Layout, texels: Texels) -> tuple[Float64, NDArray[np.int64]]:
+    """Distance of the vertices along the edges from the first one of each connected part; texels in that order."""
     n = len(layout.positions)
     source = np.repeat(np.arange(n), np.diff(layout.edge_start))
     length = np.linalg.norm(layout.positions[source] - layout.positions[layout.edge], axis=1)
@@ -140,7 +144,7 @@ def _outward(layout: Layout, texels: Texels) -> NDArray[np.int64]:
     distance = dijkstra(graph, indices=starts, min_only=True)
     triangle = texels.triangle
     nearest = distance[layout.triangles].min(axis=1)[triangle]
-    return np.lexsort((nearest, part[layout.triangles[triangle, 0]]))
+    return distance, np.lexsort((nearest, part[layout.triangles[triangle, 0]]))
 
 
 def _nearest_corner(layout: Layout, texels: Texels, texel: int) -> int:

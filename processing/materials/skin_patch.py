@@ -16,7 +16,7 @@ from processing.products.arrays import Float64
 _BEND_RAD = 0.5
 # Triangles that are stretched more than this, or turned over, are left to a patch that begins nearer.
 _STRETCH = 2.0
-_SWEEPS = 4  # of relaxation: lengths then agree along all edges and not along the shortest ways only
+_SWEEPS = 3  # of relaxation: lengths then agree along all edges and not along the shortest ways only
 
 
 class Layout(NamedTuple):
@@ -45,6 +45,7 @@ class Sheet(NamedTuple):
     turn_rad: Float64
     vertex_xy: Float64
     vertex_turn: Float64
+    vertex_axis: Float64
     vertex_mark: Int32
     triangle_mark: Int32
     member: Int32
@@ -68,8 +69,24 @@ def empty_sheet(layout: Layout) -> Sheet:
     n, m, t = len(layout.positions), len(layout.triangles), len(layout.barycentric)
     return Sheet(
         np.zeros(t, np.int32), np.zeros((t, 2)), np.zeros(t),
-        np.zeros((n, 2)), np.zeros(n), np.full(n, -1, np.int32), np.full(m, -1, np.int32), np.zeros(n, np.int32),
+        np.zeros((n, 2)), np.zeros(n), np.zeros((n, 2)),
+        np.full(n, -1, np.int32), np.full(m, -1, np.int32), np.zeros(n, np.int32),
     )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def further_out(layout: Layout, distance: Float64, vertex: int, reach: float) -> int:
+    """The vertex within `reach` of `vertex` that one comes to along the edges that gain most `distance` (n,)."""
+    start = layout.positions[vertex]
+    while True:
+        best = vertex
+        for k in range(layout.edge_start[vertex], layout.edge_start[vertex + 1]):
+            other = int(layout.edge[k])
+            if distance[other] > distance[best] and _distance(layout.positions[other], start) <= reach:
+                best = other
+        if best == vertex:
+            return vertex
+        vertex = best
 
 
 @numba.njit(cache=True)
@@ -90,7 +107,7 @@ def lay_flat(layout: Layout, sheet: Sheet, seed: int, radius: float, number: int
 @numba.njit(cache=True)
 def _reach(layout: Layout, sheet: Sheet, seed: int, radius: float, number: int) -> int:
     sheet.vertex_xy[seed] = 0.0
-    sheet.vertex_turn[seed] = 0.0
+    _turn(sheet, seed, 0.0)
     # A triangle that begins within the radius is needed whole; no edge is longer than a quarter of it.
     limit = 1.3 * radius
     heap = [(0.0, np.int64(seed))]  # int32 neighbours and an int64 seed are one type in the heap
@@ -145,23 +162,30 @@ def _orient(layout: Layout, sheet: Sheet, vertex: int, radius: float, number: in
             angle = sheet.vertex_turn[other] + _transported(layout, other, vertex)
             c += cos(angle)
             s += sin(angle)
-            edge = layout.positions[vertex] - layout.positions[other]
-            length += sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2)
+            length += _distance(layout.positions[vertex], layout.positions[other])
             total += 1
     carried = atan2(s, c)
     most = _BEND_RAD * length / (max(total, 1) * radius)
-    sheet.vertex_turn[vertex] = carried - min(max(carried, -most), most)
+    _turn(sheet, vertex, carried - min(max(carried, -most), most))
+
+
+@numba.njit(cache=True)
+def _turn(sheet: Sheet, vertex: int, angle_rad: float) -> None:
+    sheet.vertex_turn[vertex] = angle_rad
+    sheet.vertex_axis[vertex, 0] = cos(angle_rad)
+    sheet.vertex_axis[vertex, 1] = sin(angle_rad)
 
 
 @numba.njit(cache=True)
 def _transported(layout: Layout, source: int, target: int) -> float:
     """Angle from the field at `target` to the field at `source` carried there by the least rotation of the normal."""
-    n0, n1 = layout.normals[source], layout.normals[target]
-    t0, t1 = layout.tangents[source], layout.tangents[target]
-    axis = np.cross(n0, n1)
-    once = np.cross(axis, t0)
-    moved = t0 + once + np.cross(axis, once) / max(1.0 + np.dot(n0, n1), 1e-6)
-    return atan2(np.dot(moved, np.cross(n1, t1)), np.dot(moved, t1))
+    n, m = layout.normals[source], layout.normals[target]
+    t, u = layout.tangents[source], layout.tangents[target]
+    # The rotation of n to m takes t to t - (m . t) / (1 + n . m) (n + m), for t across n.
+    along = (m[0] * t[0] + m[1] * t[1] + m[2] * t[2]) / max(1.0 + n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 1e-6)
+    x, y, z = t[0] - along * (n[0] + m[0]), t[1] - along * (n[1] + m[1]), t[2] - along * (n[2] + m[2])
+    across = x * (m[1] * u[2] - m[2] * u[1]) + y * (m[2] * u[0] - m[0] * u[2]) + z * (m[0] * u[1] - m[1] * u[0])
+    return atan2(across, x * u[0] + y * u[1] + z * u[2])
 
 
 @numba.njit(cache=True)
@@ -176,7 +200,7 @@ def _step(layout: Layout, sheet: Sheet, source: int, target: int, frame: int) ->
     )  # along b = n x t
     flat = hypot(x, y)
     scale = sqrt(e0 * e0 + e1 * e1 + e2 * e2) / flat if flat > 0.0 else 0.0
-    c, s = cos(sheet.vertex_turn[frame]), sin(sheet.vertex_turn[frame])
+    c, s = sheet.vertex_axis[frame]
     return scale * (c * x + s * y), scale * (c * y - s * x)
 
 
@@ -224,12 +248,16 @@ def _is_flat(layout: Layout, sheet: Sheet, corners: Int32, number: int) -> bool:
         return False
     for k in range(3):
         p, q = corners[k], corners[(k + 1) % 3]
-        space = layout.positions[q] - layout.positions[p]
-        true = sqrt(space[0] ** 2 + space[1] ** 2 + space[2] ** 2)
+        true = _distance(layout.positions[p], layout.positions[q])
         laid = hypot(xy[(k + 1) % 3][0] - xy[k][0], xy[(k + 1) % 3][1] - xy[k][1])
         if laid > _STRETCH * true or laid * _STRETCH < true:
             return False
     return True
+
+
+@numba.njit(cache=True)
+def _distance(p: Float64, q: Float64) -> float:
+    return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
 @numba.njit(cache=True)

@@ -46,12 +46,15 @@ def weld(positions: Float64, normals: Float64, triangles: Int32) -> tuple[Int32,
     extent = max(float(np.ptp(positions, axis=0).max()), 1e-300)
     rounded = np.round((positions - positions.min(axis=0)) / (_WELD * extent)).astype(np.int64)
     _, first, place = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-    place = place.ravel().astype(np.int32)
+    # The two sides of a sheet without thickness lie at the same places, and are not one surface.
+    averted = np.sum(normals * normals[first][place.ravel()], axis=1) < -0.5
+    _, first, place = np.unique(2 * place.ravel() + averted, return_index=True, return_inverse=True)
+    place = place.astype(np.int32)
     total = np.zeros((len(first), 3))
     used = np.unique(triangles)
     np.add.at(total, place[used], normals[used])
     length = np.linalg.norm(total, axis=1, keepdims=True)
-    # Normals that cancel, as on two sides of a sheet without thickness, leave any direction: one of them.
+    # Normals that cancel leave any direction: one of them.
     mean = np.where(length > 1e-6, total / np.maximum(length, 1e-300), normals[first])
     return np.asarray(place, np.int32), positions[first], np.asarray(mean, np.float64)
 

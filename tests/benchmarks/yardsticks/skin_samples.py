@@ -1,4 +1,4 @@
-"""Stone, cloth and bricks by formula: heights and colours over one period, and the SRF of what Lambert makes of them."""
+"""Stone, cloth and bricks by formula: heights and colours over one period, and the SRF of their Lambertian surface."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -142,7 +142,8 @@ def test_meshes_of_all_kinds_are_covered(rng, case):
             normals = np.concatenate([normals, normals])
             triangles = np.concatenate([triangles, triangles + len(positions) // 2]).astype(np.int32)
         case "sheet with two sides":
-            triangles = np.concatenate([triangles, triangles[:, ::-1]])
+            triangles = np.concatenate([triangles, triangles[:, ::-1] + len(positions)]).astype(np.int32)
+            positions, normals = np.concatenate([positions, positions]), np.concatenate([normals, -normals])
         case "unused vertices":
             positions = np.concatenate([positions, [[0, 0, 9.0]]])
             normals = np.concatenate([normals, [[0, 0, 1.0]]])

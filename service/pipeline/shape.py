@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.materials.light_pictures import light_stack
-from processing.materials.measurements import view_frames
+from processing.materials.measurements import stack_measurements, view_frames
 from processing.materials.photometric_stereo import find_normals
 from processing.materials.sight import sight_of_body
 from processing.materials.srf import fit_srf_to_stack
@@ -18,6 +18,7 @@ from rig.sessions import Session, SrfPlan
 from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 from service.pipeline.lit_body import read_body, white_card
+from service.pipeline.residual_basis import basis_for
 from service.viewing import SKIN_MESH
 
 PRODUCTS = ("light_stack", "normals", "srf")
@@ -38,7 +39,9 @@ def make_shape(session: Session, calibrations: Calibrations, progress: Progress)
     normals.save(folders[1])
     folders[2].mkdir(parents=True, exist_ok=True)
     save_mesh(folders[2] / SKIN_MESH, surface_mesh(normals, integrate(normals)))
-    fit_srf_to_stack(stack, normals).srf.save(folders[2])
+    measured = stack_measurements(stack, normals, np.flatnonzero(normals.measured))
+    basis = basis_for(measured, stack.light_directions, progress)
+    fit_srf_to_stack(stack, normals, basis=basis).srf.save(folders[2])
     return folders
 
 

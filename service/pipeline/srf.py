@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.materials.limb import SphereImage, find_sphere
+from processing.materials.measurements import sphere_measurements
 from processing.materials.photographs import BodyPhotographs
 from processing.materials.reflectance_map import reflectance_maps
 from processing.materials.sight import CircleSight, Sight, sight_of_sphere
@@ -19,6 +20,7 @@ from rig.sessions import Session, SrfPlan
 from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 from service.pipeline.lit_body import LitBody, read_body, white_card
+from service.pipeline.residual_basis import basis_for
 from service.pipeline.shape import make_shape
 from service.pipeline.stacks import MergedStack
 
@@ -38,7 +40,7 @@ def make_srf(session: Session, calibrations: Calibrations, progress: Progress) -
         return folders
     maps, _ = measure_maps(session, calibrations, progress, inputs)
     maps.save(folders[0])
-    fit_material(maps).srf.save(folders[1])
+    fit_material(maps, progress).srf.save(folders[1])
     return folders
 
 
@@ -54,9 +56,9 @@ def measure_maps(
     return reflectance_maps(photographs, sight, irradiance, MAP_SIZE, provenance(session, inputs)), sphere
 
 
-def fit_material(maps: ReflectanceMaps) -> SrfFit:
-    """The Blinn-Phong lobe and the residual, found together."""
-    return fit_srf(maps)
+def fit_material(maps: ReflectanceMaps, progress: Progress) -> SrfFit:
+    """The lobe and the residual over it, found together."""
+    return fit_srf(maps, basis=basis_for(sphere_measurements(maps), maps.light_directions, progress))
 
 
 def _seen(

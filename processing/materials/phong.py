@@ -24,7 +24,9 @@ _LARGEST_EXPONENT = 1e5  # half maximum at 0.2 deg
 _SMALLEST_COUNT_IN_LOBE = 8
 _DISTINCT_ANGLES_RAD = 1e-3
 _BINS = 8192  # 0.011 deg: (N.H)^n is off by less than n * 5e-9 between two of them
-_GRID = 64
+_LOG_COSINE = np.log(np.maximum(np.cos(np.linspace(0, np.pi / 2, _BINS)), 1e-300))
+_GRID = 32
+_CHUNK = 4096  # samples that one thread takes at a time; sums are added in the chunks' order
 
 
 class FitStatus(IntEnum):
@@ -88,19 +90,19 @@ def fit_blinn_phong(samples: LobeSamples, exponent_bounds: tuple[float, float] |
     `sampled_exponents` hold. Never raises; see `PhongFit.status`.
     """
     weights = samples.weights()
-    valid = weights > 0
-    count = int(valid.any(axis=1).sum())
-    if valid.sum(axis=0).min(initial=count) < 3:
+    counts, any_channel = _counts(weights)
+    count = int(any_channel.sum())
+    if counts.min() < 3:
         return no_fit(FitStatus.TOO_FEW_SAMPLES, count)
-    scale = _power_of_two(float(np.max(np.abs(samples.value), where=valid, initial=0.0)))
+    scale = _power_of_two(float(np.max(np.abs(samples.value), where=weights > 0, initial=0.0)))
     if not np.isfinite(1 / scale):
         return no_fit(FitStatus.DIVERGED, count)
-    value = np.where(valid, samples.value, 0.0) / scale
-    cos_light = np.where(valid.any(axis=1), samples.cos_light, 0.0)
-    cos_half = np.clip(np.where(valid.any(axis=1), samples.cos_half, 0.0), 0.0, 1.0)
-    bounds = exponent_bounds or sampled_exponents(cos_half[valid.any(axis=1)])
-    exponent = _search(_bin_sums(value, weights, cos_light, cos_half), bounds)
-    return _finish(_Problem(value, weights, cos_light, cos_half, exponent), samples, scale, bounds)
+    value = np.where(weights > 0, samples.value, 0.0) / scale
+    cos_light = np.where(any_channel, samples.cos_light, 0.0)
+    cos_half = np.clip(np.where(any_channel, samples.cos_half, 0.0), 0.0, 1.0)
+    problem = _Problem(value, weights, cos_light, cos_half, counts)
+    bounds = exponent_bounds or sampled_exponents(cos_half[any_channel])
+    return _finish(problem, problem.exponent(bounds), samples, scale, bounds)
 
 
 def no_fit(status: FitStatus, samples: int) -> PhongFit:
@@ -150,19 +152,20 @@ class _Sums:
     value_value: Float64  # (3,)
     by_angle: Float64  # (bins, 3, 3): sums of w, w N.L, w value per channel
 
-    def cost(self, exponent: float) -> float:
-        """Weighted squared residual at the best k_d, k_s."""
-        angle = np.linspace(0, np.pi / 2, _BINS)
-        lobe = np.maximum(np.cos(angle), 0.0) ** exponent
+    def cost(self, exponents: Float64) -> Float64:
+        """Weighted squared residual at the best k_d, k_s of each of the exponents (n,)."""
+        lobe = np.exp(exponents[:, None] * _LOG_COSINE)
+        half_half = lobe**2 @ self.by_angle[:, 0]
         half_light, half_value = lobe @ self.by_angle[:, 1], lobe @ self.by_angle[:, 2]
-        half_half = (lobe * lobe) @ self.by_angle[:, 0]
         k = solve_bounded_pair(self.light_light, half_light, half_half, self.light_value, half_value)
         quadratic = k[0] ** 2 * self.light_light + 2 * k[0] * k[1] * half_light + k[1] ** 2 * half_half
-        return float((self.value_value - 2 * (k[0] * self.light_value + k[1] * half_value) + quadratic).sum())
+        cost = self.value_value - 2 * (k[0] * self.light_value + k[1] * half_value) + quadratic
+        return np.asarray(cost.sum(axis=1), np.float64)
 
 
 def solve_bounded_pair(aa: Float64, ab: Float64, bb: Float64, ay: Float64, by: Float64) -> Float64:
     """Least squares over two non-negative coefficients from their normal equations, (2, ...)."""
+    aa, ab, bb, ay, by = np.broadcast_arrays(aa, ab, bb, ay, by)
     determinant = aa * bb - ab * ab
     regular = determinant > 1e-12 * aa * bb
     safe = np.where(regular, determinant, 1.0)
@@ -196,78 +199,116 @@ def _bins(value: Float64, weights: Float64, cos_light: Float64, cos_half: Float6
     return sums
 
 
-def _bin_sums(value: Float64, weights: Float64, cos_light: Float64, cos_half: Float64) -> _Sums:
-    weighted_light = weights * cos_light[:, None]
-    return _Sums(
-        (weighted_light * cos_light[:, None]).sum(axis=0),
-        (weighted_light * value).sum(axis=0),
-        (weights * value * value).sum(axis=0),
-        _bins(value, weights, cos_light, cos_half, _BINS),
-    )
-
-
-def _search(sums: _Sums, bounds: tuple[float, float]) -> float:
-    grid = np.linspace(np.log(bounds[0]), np.log(bounds[1]), _GRID)
-    cost = [sums.cost(float(np.exp(log_n))) for log_n in grid]
-    best = int(np.argmin(cost))
-    around = (grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)])
-    refined = minimize_scalar(
-        lambda log_n: sums.cost(float(np.exp(log_n))), bounds=around, method="bounded", options={"xatol": 1e-7}
-    )
-    return float(np.exp(refined.x if refined.fun <= cost[best] else grid[best]))
+@numba.njit(cache=True)
+def _counts(weights: Float64) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Valid samples of each channel (3,), and which are valid in any (m,)."""
+    counts, any_channel = np.zeros(3, np.int64), np.zeros(len(weights), np.bool_)
+    for i in range(len(weights)):
+        for channel in range(3):
+            if weights[i, channel] > 0:
+                counts[channel] += 1
+                any_channel[i] = True
+    return counts, any_channel
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The scaled samples at the exponent that was found."""
+    """The scaled samples, zero where they are not valid, and their `counts` (3,)."""
 
     value: Float64
     weights: Float64
     cos_light: Float64
     cos_half: Float64
-    exponent: float
+    counts: NDArray[np.int64]
 
-    def lobe(self) -> Float64:
-        return np.asarray(self.cos_half**self.exponent, np.float64)
+    def exponent(self, bounds: tuple[float, float]) -> float:
+        """The n of least cost: the best of a grid, then within its cell."""
+        products = self.products(1.0)
+        by_angle = _bins(self.value, self.weights, self.cos_light, self.cos_half, _BINS)
+        sums = _Sums(products[:, 0, 0], products[:, 0, 3], products[:, 3, 3], by_angle)
+        grid = np.linspace(np.log(bounds[0]), np.log(bounds[1]), _GRID)
+        cost = sums.cost(np.exp(grid))
+        best = int(np.argmin(cost))
+        around = (grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)])
+        refined = minimize_scalar(
+            lambda log_n: float(sums.cost(np.exp([log_n]))[0]), bounds=around, method="bounded",
+            options={"xatol": 1e-7},
+        )  # fmt: skip
+        return float(np.exp(refined.x if refined.fun <= cost[best] else grid[best]))
 
-    def coefficients(self) -> Float64:
-        """k_d and k_s, (2, 3)."""
-        a, b = self.cos_light[:, None], self.lobe()[:, None]
-        w = self.weights
-        products = (w * a * a, w * a * b, w * b * b, w * a * self.value, w * b * self.value)
-        return solve_bounded_pair(*(product.sum(axis=0) for product in products))
+    def products(self, exponent: float) -> Float64:
+        """Weighted inner products (3, 4, 4) of N.L, the lobe, its slope by n, and the values."""
+        lower = _column_products(self.value, self.weights, self.cos_light, self.cos_half, exponent).sum(axis=0)
+        return np.asarray(lower + np.tril(lower, -1).transpose(0, 2, 1), np.float64)
 
-    def information(self, k: Float64) -> Float64:
-        """J^T W J (7, 7) with the parameters k_d, k_s, n."""
-        lobe = self.lobe()
-        slope = lobe * np.log(np.maximum(self.cos_half, 1e-12))
-        matrix = np.zeros((7, 7))
+
+@numba.njit(cache=True, parallel=True)
+def _column_products(
+    value: Float64, weights: Float64, cos_light: Float64, cos_half: Float64, exponent: float
+) -> Float64:
+    """Lower triangles (chunk, 3, 4, 4) of `_Problem.products`."""
+    chunks = (len(value) + _CHUNK - 1) // _CHUNK
+    sums = np.zeros((chunks, 3, 4, 4))
+    for chunk in numba.prange(chunks):
+        row = np.empty(4)
+        for i in range(chunk * _CHUNK, min((chunk + 1) * _CHUNK, len(value))):
+            row[0], row[1] = cos_light[i], cos_half[i] ** exponent
+            row[2] = row[1] * np.log(max(cos_half[i], 1e-12))
+            for channel in range(3):
+                row[3] = value[i, channel]
+                for p in range(4):
+                    weighted = weights[i, channel] * row[p]
+                    for q in range(p + 1):
+                        sums[chunk, channel, p, q] += weighted * row[q]
+    return sums
+
+
+@numba.njit(cache=True)
+def _squares(problem: tuple[Float64, ...], k: Float64, exponent: float) -> Float64:
+    """Sums (2, 3) of squared errors of valid samples, weighted and alike; `problem` has the arrays of `_Problem`."""
+    value, weights, cos_light, cos_half = problem
+    sums = np.zeros((2, 3))
+    for i in range(len(value)):
+        lobe = cos_half[i] ** exponent
         for channel in range(3):
-            columns = np.stack([self.cos_light, lobe, k[1, channel] * slope])
-            index = np.array([channel, 3 + channel, 6])
-            matrix[np.ix_(index, index)] += (columns * self.weights[:, channel]) @ columns.T
-        return matrix
+            if weights[i, channel] > 0:
+                error = value[i, channel] - k[0, channel] * cos_light[i] - k[1, channel] * lobe
+                sums[0, channel] += weights[i, channel] * error * error
+                sums[1, channel] += error * error
+    return sums
 
 
-def _finish(problem: _Problem, samples: LobeSamples, scale: float, bounds: tuple[float, float]) -> PhongFit:
-    k = problem.coefficients()
-    valid = problem.weights > 0
-    model = problem.cos_light[:, None] * k[0] + problem.lobe()[:, None] * k[1]
-    squared = np.where(valid, (problem.value - model) ** 2, 0.0)
-    mse = squared.sum(axis=0) / valid.sum(axis=0)
+def _information(products: Float64, k: Float64) -> Float64:
+    """J^T W J (7, 7) with the parameters k_d, k_s, n."""
+    matrix = np.zeros((7, 7))
+    for channel in range(3):
+        scale = np.array([1.0, 1.0, k[1, channel]])
+        index = np.array([channel, 3 + channel, 6])
+        matrix[np.ix_(index, index)] += products[channel, :3, :3] * scale * scale[:, None]
+    return matrix
+
+
+def _finish(
+    problem: _Problem, exponent: float, samples: LobeSamples, scale: float, bounds: tuple[float, float]
+) -> PhongFit:
+    products = problem.products(exponent)
+    k = solve_bounded_pair(*products[:, [0, 0, 1, 0, 1], [0, 1, 1, 3, 3]].T)
+    arrays = (problem.value, problem.weights, problem.cos_light, problem.cos_half)
+    weighted, squared = _squares(arrays, k, exponent)
+    mse = squared / problem.counts
     # One unit of weight is one over the smallest variance; without variances the residual tells its own.
-    unit = (problem.weights * squared).sum() / max(int(valid.sum()) - 7, 1)
+    unit = weighted.sum() / max(int(problem.counts.sum()) - 7, 1)
     if samples.variance is not None:
-        unit = float(np.min(samples.variance, where=valid, initial=np.inf)) / scale / scale
+        unit = float(np.min(samples.variance, where=problem.weights > 0, initial=np.inf)) / scale / scale
     free = np.concatenate([k.ravel() > 0, [bool((k[1] > 0).any())]])
     with np.errstate(over="ignore", invalid="ignore"):  # squares beyond the range of numbers: told below
-        lobe, mse = BlinnPhong(k[0] * scale, k[1] * scale, problem.exponent), mse * scale * scale
-        covariance = _covariance(problem.information(k), free, unit, scale)
-    count = int(valid.any(axis=1).sum())
+        lobe, mse = BlinnPhong(k[0] * scale, k[1] * scale, exponent), mse * scale * scale
+        covariance = _covariance(_information(products, k), free, unit, scale)
+    count = int(_counts(problem.weights)[1].sum())
     found = np.concatenate([lobe.diffuse, lobe.specular, [lobe.exponent], mse, covariance.ravel()])
     if not np.isfinite(found).all():
         return no_fit(FitStatus.DIVERGED, count)
-    resting = not free.all() or not bounds[0] * 1.001 < problem.exponent < bounds[1] * 0.999
+    resting = not free.all() or not bounds[0] * 1.001 < exponent < bounds[1] * 0.999
     return PhongFit(lobe, covariance, mse, count, FitStatus.AT_BOUND if resting else FitStatus.CONVERGED)
 
 

@@ -108,7 +108,7 @@ def _diagonalise(a: Float64, v: Float64) -> None:
             return
         for p in range(size):
             for q in range(p + 1, size):
-                if a[p, q] != 0.0:
+                if a[p, q] * a[p, q] > 1e-28:
                     _rotate(a, v, p, q)
 
 

@@ -13,8 +13,21 @@ from processing.materials.srf import (
     fit_phong_to_btf,
     fit_srf,
     fit_srf_to_btf,
+    fit_srf_to_stack,
 )
-from processing.products import BlinnPhong, Btf, ReflectanceMaps, half_vectors, sphere_normals, tangent_frames
+from processing.products import (
+    BlinnPhong,
+    Btf,
+    LightStack,
+    NormalMap,
+    NormalStatus,
+    ReflectanceMaps,
+    ResidualBasis,
+    half_vectors,
+    normals_of,
+    sphere_normals,
+    tangent_frames,
+)
 
 LOBE = BlinnPhong(np.array([0.3, 0.2, 0.1]), np.array([0.2, 0.2, 0.3]), 40.0)
 SIZE = 24
@@ -243,3 +256,78 @@ def test_evaluated_in_the_tangent_frame_the_srf_shows_the_sphere_again(rng, arm_
     for light, measured in zip(arm_directions, maps.reflectance_cos, strict=True):
         shown = srf.evaluate(uv, frames @ light, view)
         np.testing.assert_allclose(shown, measured.reshape(-1, 3), atol=2e-5)
+
+
+def test_lobe_and_residual_of_a_btf_are_found_together(rng, hemisphere):
+    """The mean of the residuals is no part of the lobe; k_d and s . H are told apart by their curvature."""
+    btf, s = btf_of(rng, hemisphere)
+    fit = fit_srf_to_btf(btf)
+    np.testing.assert_allclose(fit.srf.phong.exponent, LOBE.exponent, rtol=1e-3)
+    np.testing.assert_allclose(fit.srf.phong.diffuse, LOBE.diffuse, atol=1e-3)
+    np.testing.assert_allclose(np.moveaxis(fit.srf.residual, 0, 2), s, atol=2e-3)
+
+
+@pytest.mark.parametrize("basis", list(ResidualBasis))
+def test_more_functions_leave_less_over(rng, hemisphere, basis):
+    """Of a BTF of s . H and a little noise, every basis that has H in it leaves no more than H alone."""
+    btf, _ = btf_of(rng, hemisphere)
+    btf.reflectance[:] += (0.01 * rng.normal(size=btf.shape)).astype(np.float32)
+    fit = fit_srf_to_btf(btf, LOBE, basis)
+    assert fit.srf.residual.shape[-1] == basis.size
+    assert fit.mse_srf < fit.mse_phong
+    if basis is ResidualBasis.HALF_LIGHT:
+        assert fit.mse_srf <= fit_srf_to_btf(btf, LOBE).mse_srf
+
+
+def bowl(rng, lights, *, distance_m=np.inf):
+    """A stack of a shallow bowl of the lobe plus s . H, 30 x 24 pixels of 1 mm, its normals, and s (texel, 3, 3)."""
+    y, x = np.mgrid[-12:12, -15:15] / 30.0
+    normals = normals_of(x, y) * [1, -1, -1]
+    frames = tangent_frames(normals.reshape(-1, 3) * [1, -1, -1]) * [1, -1, -1]
+    shape, distances_m = (len(lights), 24, 30, 3), np.full(len(lights), distance_m)
+    value, variance = np.zeros(shape, np.float32), np.full(shape, 1e-10, np.float32)
+    toward = LightStack(value, variance, lights, distances_m, 1e-3).lights().reshape(len(lights), -1, 3)
+    light = np.einsum("tij,dtj->dti", frames, toward)
+    view = np.broadcast_to(frames[:, :, 2], light.shape)
+    s = 0.03 * rng.normal(size=(720, 3, 3))
+    value = LOBE.evaluate(light.reshape(-1, 3), view.reshape(-1, 3)).reshape(light.shape)
+    value += np.einsum("dtk,tck->dtc", half_vectors(light, view), s)
+    if np.isfinite(distance_m):
+        columns, rows = np.meshgrid(np.arange(30) - 14.5, 11.5 - np.arange(24))
+        points = np.stack([columns, rows, 0 * rows], axis=-1).reshape(-1, 3) * 1e-3
+        way = lights[:, None] * distance_m - points
+        value *= (distance_m**2 / (way**2).sum(axis=-1))[..., None]
+    stack = LightStack(value.reshape(shape).astype(np.float32), variance, lights, distances_m, 1e-3)
+    status = np.full((24, 30), NormalStatus.MEASURED, np.uint8)
+    flat = np.zeros((24, 30), np.float32)
+    return stack, NormalMap(normals.astype(np.float32), np.zeros((24, 30, 3), np.float32), flat, status, 1e-3), s
+
+
+@pytest.mark.parametrize("distance_m", [np.inf, 0.25])
+def test_an_object_of_any_shape_is_recovered(rng, hemisphere, distance_m):
+    """Near lights too: each pixel has its own direction and falloff."""
+    stack, normals, s = bowl(rng, hemisphere[:30], distance_m=distance_m)
+    fit = fit_srf_to_stack(stack, normals)
+    assert fit.srf.phong.exponent == pytest.approx(LOBE.exponent, rel=0.01)
+    np.testing.assert_allclose(in_texels(fit), s, atol=2e-3)
+    assert not fit.srf.wrap
+
+
+def test_pixels_without_a_normal_take_no_part(rng, hemisphere):
+    stack, normals, _ = bowl(rng, hemisphere[:20])
+    whole = fit_srf_to_stack(stack, normals, LOBE)
+    normals.status[:, :9] = NormalStatus.NO_SAMPLES
+    normals.normals[:, :9] = np.nan
+    fit = fit_srf_to_stack(stack, normals, LOBE)
+    assert np.isnan(fit.srf.residual[:, :, :9]).all()
+    assert (fit.status[:, :, :9] == FitStatus.TOO_FEW_SAMPLES).all()
+    np.testing.assert_allclose(fit.srf.residual[:, :, 9:], whole.srf.residual[:, :, 9:], atol=1e-4)
+
+
+def test_normals_of_another_picture_are_refused(rng, hemisphere):
+    stack, normals, _ = bowl(rng, hemisphere[:20])
+    other = LightStack(
+        stack.reflectance_cos[:, 2:], stack.variance[:, 2:], stack.light_directions, stack.light_distances_m, 1e-3
+    )
+    with pytest.raises(ImageError, match="do not belong"):
+        fit_srf_to_stack(other, normals)

@@ -73,7 +73,8 @@ def _steps(normal: Float64, variance: Float64, known: NDArray[np.bool_]) -> Step
     both = np.concatenate([right_weight[right_weight > 0], down_weight[down_weight > 0]])
     typical = np.median(both) if both.size else 1.0
     weights = [np.where(w > 0, np.clip(w / typical, *_WEIGHTS), 0.0) for w in (right_weight, down_weight)]
-    return Steps(right, down, weights[0], weights[1], right_flatness, down_flatness)
+    doubt = float(np.sqrt(np.median(variance[known])))
+    return Steps(right, down, weights[0], weights[1], right_flatness, down_flatness, doubt)
 
 
 def _rises(normal: Float64, variance: Float64, known: NDArray[np.bool_], axis: int) -> tuple[Float64, Float64, Float64]:

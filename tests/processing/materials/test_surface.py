@@ -68,6 +68,19 @@ def test_an_edge_bends_the_surface_less_than_least_squares(monkeypatch):
         assert ours < theirs / 5
 
 
+def test_normals_that_err_together_do_not_tear_the_surface():
+    """A patch of normals leans to one side by 0.1, within their deviation: all share it, and none gives way wholly."""
+    x, y = shapes.grid(96)
+    lean = 0.1 * np.exp(-(x**2 + y**2) / (2 * 0.35**2))
+    leaning = shapes.hills(96, seed=4, height=0.1)[1]
+    leaning[..., 1] += lean
+    normals = map_of(leaning)
+    normals.variance[:] = 0.05**2
+    slope = normals.normals[..., 1] / normals.normals[..., 2]
+    missed = np.diff(integrate(normals) / PIXEL_M, axis=0) - (slope[1:] + slope[:-1]) / 2
+    assert np.abs(missed).max() < 0.06
+
+
 def test_no_normals_give_no_depth():
     nothing = map_of(np.full((5, 6, 3), np.nan))
     assert np.isnan(integrate(nothing)).all()

@@ -245,7 +245,7 @@ def displacement(
 @app.command()
 def export(
     product: Annotated[Path, typer.Argument(help="Folder of a product: reflectance_maps, a light_stack or a btf.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="A .ptm, an .rti, or a folder for web viewers.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="A .ptm, an .rti, a folder for web viewers, or an .lp.")],
     luminance: Annotated[
         bool, typer.Option("--luminance", help="One colour per pixel, only its brightness follows the light (LRGB).")
     ] = False,
@@ -255,7 +255,8 @@ def export(
 ) -> None:
     """Write a product for relighting viewers: polynomial texture map, RTI, or a folder for the web.
 
-    RTIViewer and others open .ptm and .rti, OpenLIME and Relight the folder: docs/relight-your-own-photographs.md
+    RTIViewer and others open .ptm and .rti, OpenLIME and Relight the folder; an .lp has the pictures beside it, for
+    programs that fit for themselves: docs/relight-your-own-photographs.md
     """
     from service import relighting
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.errors import ImageError
+from processing.formats.light_positions import write_lp
 from processing.formats.ptm import write_ptm
 from processing.formats.relight import write_relight
 from processing.formats.rti import write_rti
@@ -27,7 +28,7 @@ from processing.products import LightStack, NormalMap, ReflectanceMaps, Relighta
 from processing.products.arrays import Float64
 from render.picture import save_image
 from service.files import check_folder, filled, replaced
-from service.light_photographs import read_photographs
+from service.light_photographs import ENDING, read_photographs
 from service.viewing import kind_of
 
 PTM, RTI = ".ptm", ".rti"
@@ -38,12 +39,16 @@ def export_product(product: Path, out: Path, *, luminance: bool = False, harmoni
     """Write what a product's camera saw as a relightable image, and say how well it holds.
 
     `out` is a .ptm, a .rti, or a folder for web viewers; `luminance` writes one colour per pixel, `harmonics` nine
-    hemispherical harmonics in the folder instead of a polynomial. Raises ImageError where the product or the ending is
-    of another kind.
+    hemispherical harmonics in the folder instead of a polynomial. A .lp has the pictures themselves beside it, for
+    other programs. Raises ImageError where the product or the ending is of another kind.
     """
     harmonics = harmonics or out.suffix.lower() == RTI
     _check_out(out, luminance=luminance, harmonics=harmonics)
     values, lights = _pictures(product)
+    if out.suffix.lower() == ENDING:
+        _write_photographs(out, values, lights)
+        yield f"{out}: lights of {len(lights)} pictures, {out.stem}-*.png beside it"
+        return
     fit = fit_ptm(values, lights, ResidualBasis.HEMISPHERICAL if harmonics else ResidualBasis.BIQUADRATIC)
     image = as_lrgb(fit.image) if luminance else fit.image
     yield from _about(fit, reproduction_db(image, values, lights), len(lights))
@@ -92,12 +97,15 @@ def _about_normals(normals: NormalMap) -> str:
 
 
 def _check_out(out: Path, *, luminance: bool, harmonics: bool) -> None:
-    if out.suffix.lower() not in (PTM, RTI, ""):
-        raise ImageError(f"{out}: a polynomial texture map is {PTM}, harmonics are {RTI}; no ending means a folder.")
+    if out.suffix.lower() not in (PTM, RTI, ENDING, ""):
+        raise ImageError(
+            f"{out}: a polynomial texture map is {PTM}, harmonics are {RTI}, pictures with their lights {ENDING}; "
+            "no ending means a folder."
+        )
     if luminance and out.suffix.lower() != PTM:
         raise ImageError(f"{out}: one colour per pixel is known of {PTM} only; leave --luminance out.")
-    if harmonics and out.suffix.lower() == PTM:
-        raise ImageError(f"{out}: a {PTM} is a polynomial; harmonics are {RTI}, or a folder.")
+    if harmonics and out.suffix.lower() in (PTM, ENDING):
+        raise ImageError(f"{out}: harmonics are {RTI}, or a folder; leave --harmonics out.")
     check_folder(out)
 
 
@@ -112,6 +120,15 @@ def _pictures(product: Path) -> tuple[Values, Float64]:
     raise ImageError(
         f"{product}: a {kind} holds no pictures; reflectance_maps, a light_stack or a btf can be exported."
     )
+
+
+def _write_photographs(out: Path, values: Values, lights: Float64) -> None:
+    """Pictures of 8 bits, black where nothing was measured, and the list of their lights."""
+    names = [f"{out.stem}-{number:03d}.png" for number in range(1, len(lights) + 1)]
+    with filled(out.parent) as part:
+        for name, picture in zip(names, values, strict=True):
+            save_image(part / name, np.rint(255 * np.clip(np.nan_to_num(picture), 0, 1)).astype(np.uint8))
+        write_lp(part / out.name, names, lights)
 
 
 def _write(out: Path, image: RelightableImage) -> None:

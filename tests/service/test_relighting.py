@@ -68,6 +68,18 @@ def test_a_stack_is_exported(stack, tmp_path, name, options, read):
     assert lines[2].startswith(f"{tmp_path / name}: 26 x 20 pixels")
 
 
+def test_pictures_and_their_lights_are_exported(stack, tmp_path):
+    """For other programs: what they read is what would have been fitted."""
+    list(export_product(stack, tmp_path / "a.lp"))
+    assert len(list(tmp_path.iterdir())) == 25
+    list(relight_photographs(tmp_path, tmp_path / "out"))
+    list(export_product(stack, tmp_path / "b.ptm"))
+    again, direct = (
+        read_ptm(path).evaluate(LIGHTS[5])[3:] for path in (tmp_path / "out/picture.ptm", tmp_path / "b.ptm")
+    )
+    assert np.sqrt(np.mean((again - direct) ** 2)) < 0.01
+
+
 def test_a_btf_is_exported_as_seen_from_above(tmp_path):
     reflectance = np.zeros((24, 2, 4, 5, 3), np.float32)
     reflectance[:, 1] = 0.2
@@ -100,7 +112,8 @@ def test_lights_of_one_arc_are_told(tmp_path):
     ("name", "options", "said"),
     [
         ("a.jpg", {}, "no ending means a folder"),
-        ("a.ptm", {"harmonics": True}, "is a polynomial"),
+        ("a.ptm", {"harmonics": True}, "leave --harmonics out"),
+        ("a.lp", {"luminance": True}, "leave --luminance out"),
         ("a.rti", {"luminance": True}, "leave --luminance out"),
         ("web", {"luminance": True}, "leave --luminance out"),
     ],

@@ -70,10 +70,11 @@ def test_covariance_says_how_far_the_parameters_are_off(rng, arm_directions):
 
 @pytest.mark.parametrize("basis", list(ResidualBasis))
 def test_no_exponent_nearby_leaves_less_error(rng, arm_directions, basis):
+    """Where a basis cannot follow s . H, channels count by what they leave over: the least sum of all is near."""
     maps, _ = exact_material(rng, arm_directions)
     fit = fit_srf(maps, None, basis)
     best = fit.srf.phong
-    for factor in (0.97, 1.03):
+    for factor in (0.9, 1.1):
         other = BlinnPhong(best.diffuse, best.specular, best.exponent * factor)
         assert fit_srf(maps, other, basis).mse_srf > fit.mse_srf
 

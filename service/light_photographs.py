@@ -15,7 +15,7 @@ from processing.radiometry.display import linear_of_srgb, srgb
 
 ENDING = ".lp"
 _NOISE = 1 / 255  # assumed of every code: a camera's noise at low sensitivity, and the rounding
-_FULL = 0.996  # share of the largest code from which a channel counts as saturated: the last code of 8 bits
+_FULL = 0.996  # share of the largest code from which a channel may be clipped: the last two codes of 8 bits
 
 Counts = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -35,7 +35,7 @@ class LightPhotographs:
 
     def display_values(self) -> Counts | Float32:
         """What a display shows: the counts themselves where they are encoded."""
-        return srgb(self._shares()).astype(np.float32) if self.linear else self.counts
+        return srgb(self._shares()).astype(np.float32)[self.counts] if self.linear else self.counts
 
     def stack(self, pixel_m: float) -> LightStack:
         """Reflectance of which a white card facing camera and light has 1 / pi; saturated channels are NaN.
@@ -43,20 +43,20 @@ class LightPhotographs:
         Exposure and strength of the lights are taken to be the same in all photographs, the lights to be distant.
         """
         shares = self._shares()
-        around = np.clip(shares, np.float32(_NOISE / 2), np.float32(1 - _NOISE / 2))
-        low, high = around - np.float32(_NOISE / 2), around + np.float32(_NOISE / 2)
-        light = shares if self.linear else linear_of_srgb(shares)
-        spread = (high - low) if self.linear else linear_of_srgb(high) - linear_of_srgb(low)
-        unknown = (shares >= _FULL) | ~self.mask[:, :, None]
-        reflectance, deviation = (np.where(unknown, np.nan, values / np.pi) for values in (light, spread))
+        light = np.where(shares >= _FULL, np.nan, shares if self.linear else linear_of_srgb(shares))
+        around = np.clip(shares, _NOISE / 2, 1 - _NOISE / 2)
+        low, high = (around + sign * _NOISE / 2 for sign in (-1, 1))
+        spread = high - low if self.linear else linear_of_srgb(high) - linear_of_srgb(low)
+        reflectance = (light / np.pi).astype(np.float32)[self.counts]
+        variance = ((spread / np.pi) ** 2).astype(np.float32)[self.counts]
+        reflectance[:, ~self.mask] = np.nan
         directions, distances_m = self.lights, np.full(len(self.lights), np.inf)
-        return LightStack(
-            reflectance.astype(np.float32), (deviation**2).astype(np.float32), directions, distances_m, pixel_m,
-            Provenance(self.names, "", {"linear": self.linear}),
-        )  # fmt: skip
+        provenance = Provenance(self.names, "", {"linear": self.linear})
+        return LightStack(reflectance, variance, directions, distances_m, pixel_m, provenance)
 
-    def _shares(self) -> Float32:
-        return (self.counts / np.float32(np.iinfo(self.counts.dtype.type).max)).astype(np.float32)
+    def _shares(self) -> Float64:
+        """Every code as a share of the largest."""
+        return np.linspace(0.0, 1.0, int(np.iinfo(self.counts.dtype.type).max) + 1)
 
 
 def read_photographs(source: Path, mask: Path | None = None, *, linear: bool = False) -> LightPhotographs:

@@ -150,7 +150,9 @@ def mean_over_texels(btf: Btf) -> Measurements:
 def stack_measurements(stack: LightStack, normals: NormalMap, texels: NDArray[np.intp]) -> Measurements:
     """The samples of some pixels of an object, row after row, each for the light that reaches the pixel's own place."""
     lights, shape = len(stack.reflectance_cos), stack.reflectance_cos.shape[1:3]
-    points = plane_points((shape[0], shape[1]), stack.pixel_m).reshape(-1, 3)[texels]
+    points = plane_points((shape[0], shape[1]), stack.pixel_m)
+    points[..., 2] = normals.depth_m
+    points = points.reshape(-1, 3)[texels]
     frames = view_frames(normals.normals.reshape(-1, 3)[texels].astype(np.float64))
     value, variance = (array.reshape(lights, -1, 3)[:, texels] for array in (stack.reflectance_cos, stack.variance))
     farther = _falloff(points, stack.light_directions, stack.light_distances_m)

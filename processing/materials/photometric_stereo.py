@@ -35,11 +35,12 @@ def find_normals(stack: LightStack, depth_m: Float64 | None = None) -> NormalMap
     """
     if depth_m is None and np.isfinite(stack.light_distances_m).any():
         depth_m = find_depth(stack)
+    shape = stack.reflectance_cos.shape[1:3]
+    depth_m = np.zeros(shape) if depth_m is None else np.nan_to_num(depth_m)
     points = _points(stack, depth_m)
     start = _starts(stack, points)
     known = start[..., 3][np.isfinite(start[..., 3])]
     start[..., 3] = max(float(np.median(known)), 0.0) if known.size else 0.0
-    shape = stack.reflectance_cos.shape[1:3]
     found, status = kernel.normals(*_samples(stack), points, start)
     with np.errstate(invalid="ignore"):
         unit = found[:, :3] / np.linalg.norm(found[:, :3], axis=-1, keepdims=True)
@@ -51,6 +52,7 @@ def find_normals(stack: LightStack, depth_m: Float64 | None = None) -> NormalMap
         status.reshape(shape),
         stack.pixel_m,
         stack.provenance,
+        depth_m.astype(np.float32),
     )
 
 
@@ -115,11 +117,10 @@ def _filled(depth: Float64) -> Float64:
     return np.asarray(depth[tuple(nearest)], np.float64)
 
 
-def _points(stack: LightStack, depth_m: Float64 | None) -> Float64:
+def _points(stack: LightStack, depth_m: Float64) -> Float64:
     """What each pixel sees (pixel, 3)."""
     points = plane_points(stack.reflectance_cos.shape[1:3], stack.pixel_m)
-    if depth_m is not None:
-        points[..., 2] = np.nan_to_num(depth_m)
+    points[..., 2] = depth_m
     return points.reshape(-1, 3)
 
 

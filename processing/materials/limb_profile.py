@@ -66,9 +66,12 @@ def limb_depth_px(profile: Float64) -> tuple[float, float]:
 
 
 def _left(at: Float64, profile: Float64) -> Float64:
-    """What the best a, b, c and background leave of the profile."""
+    """What the best a, b, c and background leave of the profile; the limb itself, a, is not darker than black."""
     columns = _columns(DEPTHS_PX - at[0], float(np.exp(at[1])))
     solved, *_ = np.linalg.lstsq(columns, profile)
+    if solved[0] < 0:
+        columns = columns[:, 1:]
+        solved, *_ = np.linalg.lstsq(columns, profile)
     return np.asarray(columns @ solved - profile, np.float64)
 
 

@@ -57,3 +57,19 @@ def cylinder(rows: int = 10, columns: int = 48, height: float = 2.0) -> tuple[np
     b = (np.arange(rows)[:, None] * columns + (np.arange(columns) + 1) % columns).ravel()
     triangles = np.concatenate([np.stack([a, b, b + columns], 1), np.stack([a, b + columns, a + columns], 1)])
     return positions, normals, triangles.astype(np.int32)
+
+
+def nearest_triangle(corner_uv: np.ndarray, place: np.ndarray) -> tuple[int, float]:
+    """The triangle (of m, 3, 2) that contains a place, or else the one with the nearest side, and how far that is."""
+    best, least = -1, np.inf
+    for number, corners in enumerate(corner_uv):
+        matrix = np.stack([corners[1] - corners[0], corners[2] - corners[0]], axis=1)
+        second, third = np.linalg.solve(matrix, place - corners[0])
+        if min(second, third, 1 - second - third) >= 0:
+            return number, 0.0
+        for start, end in ((0, 1), (1, 2), (2, 0)):
+            side, to = corners[end] - corners[start], place - corners[start]
+            far = np.linalg.norm(to - np.clip(to @ side / (side @ side), 0, 1) * side)
+            if far < least:
+                best, least = number, float(far)
+    return best, least

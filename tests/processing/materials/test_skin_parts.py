@@ -1,5 +1,7 @@
 """The parts of a skin against what is known: plain twins, flat and rolled surfaces, frames and lookups."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,16 +10,17 @@ from scipy import sparse
 
 from processing.materials import skin_cut
 from processing.materials.skin_atlas import covered_texels, unwrap
-from processing.materials.skin_cut import least_cut
+from processing.materials.skin_canvas import Source, cut_in, empty_canvas, sample
+from processing.materials.skin_cut import least_cut, share_within
 from processing.materials.skin_example import Fitter, example_of
 from processing.materials.skin_field import tangent_field
-from processing.materials.skin_patch import empty_sheet, lay_flat, layout_of
+from processing.materials.skin_patch import Sheet, empty_sheet, further_out, lay_flat, layout_of
 from processing.materials.skin_seams import border_edges, close_seams
 from processing.materials.skin_solver import conjugate_gradients
 from processing.materials.skin_surface import Surface, refine, weld
 from processing.materials.skin_turn import STEPS, turning_table
 from processing.products import ResidualBasis, bilinear_taps
-from tests.reference.skin import ball, cheapest_closed_path, cylinder, misfits
+from tests.reference.skin import ball, cheapest_closed_path, cylinder, misfits, nearest_triangle
 from tests.render.synthetic import stone
 
 
@@ -204,3 +207,79 @@ def test_conjugate_gradients_solve(seed, scale):
     right[:, 2] = 0
     found = conjugate_gradients(sparse.csr_matrix(matrix), right, tolerance=1e-12, most_steps=100)
     np.testing.assert_allclose(matrix @ found, right, atol=1e-8)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_texels_know_the_triangle_under_them_or_beside_them(seed):
+    """As by testing every triangle: inside and in a gutter a texel and a half wide, and nothing beyond."""
+    rng = np.random.default_rng(seed)
+    corners = np.stack([rng.uniform(2, 5, 2), rng.uniform(8, 11, 2) * [1, 0.5], rng.uniform(8, 11, 2) * [0.5, 1]])
+    other = np.stack([corners[1], corners[1] + corners[2] - corners[0], corners[2]])
+    corner_uv = np.stack([corners, other])
+    texels = covered_texels(corner_uv, (20, 20))
+    found = dict(zip(texels.index.tolist(), zip(texels.triangle, texels.barycentric, strict=True), strict=True))
+    for index in range(20 * 20):
+        place = np.array([index % 20 + 0.5, index // 20 + 0.5])
+        triangle, far = nearest_triangle(corner_uv, place)
+        assert (index in found) == (far < 1.5)
+        if far == 0:
+            number, (second, third) = found[index]
+            assert number == triangle
+            weights = np.array([1 - second - third, second, third])
+            np.testing.assert_allclose(weights @ corner_uv[number], place, atol=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_sampling_is_bilinear_lookup(seed):
+    rng = np.random.default_rng(seed)
+    image = rng.normal(size=(5, 7, 2)).astype(np.float32)
+    places = rng.uniform(-10, 20, (12, 2))
+    rows, columns, weights = bilinear_taps(places / [7, 5], 5, 7, wrap=True)
+    value = np.empty(2)
+    for place, expected in zip(places, np.einsum("nt,ntc->nc", weights, image[rows, columns]), strict=True):
+        sample(image, *place, value)
+        np.testing.assert_allclose(value, expected, atol=1e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(list(ResidualBasis)))
+def test_patches_blend_as_the_formula_says(seed, basis):
+    """Two patches one over the other: old and new by their shares, the new one turned into the surface's frame."""
+    rng = np.random.default_rng(seed)
+    count, k = 40, basis.size
+    example = example_of(stone(24, 24), 1.0)
+    coefficients = rng.normal(size=(24, 24, 3 * k)).astype(np.float32)
+    source = Source(coefficients, rng.normal(size=(3 * k, 4)), turning_table(basis))
+    canvas = empty_canvas(replace(example, seen=source.seen), count)
+    expected, cover = np.zeros((count, 3 * k)), np.zeros(count)
+    for number in range(2):
+        xy, steps = rng.uniform(-6, 6, (count, 2)), rng.integers(STEPS, size=count)
+        mark = np.zeros(count, np.int32)
+        piece = Sheet(
+            np.arange(count, dtype=np.int32), xy, 2 * np.pi * steps / STEPS, xy, xy[:, 0], xy, mark, mark, mark
+        )
+        radii = rng.uniform(3, 6, 96)
+        cut_in(canvas, piece, source, (11.0, 12.0), radii, number)
+        rows, columns, taps = bilinear_taps((np.array([11.0, 12.0]) + xy * [1, -1]) / 24, 24, 24, wrap=True)
+        taken = np.einsum("nt,ntc->nc", taps, coefficients[rows, columns]).reshape(count, 3, k)
+        turned = np.einsum("nij,ncj->nci", source.turning[steps], taken).reshape(count, -1)
+        share = np.array([share_within(x, y, radii, 3.0) for x, y in xy])
+        kept = (1 - share) * cover
+        cover = np.where(share > 0, share + kept, cover)
+        new = np.divide(share, cover, out=np.zeros(count), where=cover > 0)[:, None]
+        expected = (1 - new) * expected + new * turned
+    np.testing.assert_allclose(canvas.value, expected, atol=1e-4)
+    np.testing.assert_allclose(canvas.cover, cover, atol=1e-9)
+    np.testing.assert_allclose(canvas.seen, expected @ source.seen, atol=1e-3)
+
+
+def test_seeds_lie_ahead_of_the_edge_within_reach():
+    positions, normals, triangles = cylinder()
+    surface = surface_of(positions, normals, triangles)
+    texels = covered_texels(np.zeros((0, 3, 2)), (2, 2))
+    layout = layout_of(surface, np.cross([0.0, 0.0, 1.0], normals), texels)
+    ahead = further_out(layout, positions[:, 2], 5, 0.9)
+    assert 0.5 < positions[ahead, 2] <= 0.9
+    assert further_out(layout, positions[:, 2], 5, 0.01) == 5

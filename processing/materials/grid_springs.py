@@ -71,7 +71,7 @@ def _cycle(levels: list[Springs], residual: Float64, level: int) -> Float64:
     sweep(right, down, residual, height, 1)
     if level + 1 < len(levels):
         left = residual - apply(right, down, height)
-        coarse = _cycle(levels, _paired(_paired(left).T).T, level + 1)
+        coarse = _cycle(levels, np.ascontiguousarray(_paired(_paired(left).T).T), level + 1)
         blocks = np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)
         height += OVERCORRECTION * blocks[: height.shape[0], : height.shape[1]]
     sweep(right, down, residual, height, -1)

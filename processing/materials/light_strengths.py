@@ -7,12 +7,16 @@ import numpy as np
 from processing.errors import ImageError
 from processing.materials.photometric_stereo import find_normals
 from processing.products import LightStack
-from processing.products.arrays import Float64
+from processing.products.arrays import Float32, Float64
 
 _PIXELS = 2000
+_FEWEST = 20  # of them with a normal
 _ROUNDS = 30
 _SETTLED = 1e-3
 _STEP = 1.5  # of the whole correction: normals follow the strengths, so that each round closes only part of the gap
+_CURVED = (
+    0.1  # root mean square sine of the normals about their mean, both ways: a flat surface shows a strength as a tilt
+)
 _LIT = 0.3  # of the brightest light of a pixel: fainter ones tell a strength badly
 
 
@@ -21,14 +25,13 @@ def light_strengths(stack: LightStack) -> Float64:
 
     Normals that all lights but one explain tell how bright that one must be; medians over the surface, in turns with
     the normals. A curved surface under six lights or more, not all in a plane, determines them. Lights are distant.
-    Raises ImageError where too little of the picture shows a matt surface under all lights.
+    Raises ImageError where too little of the picture shows a matt surface under all lights, or it is flat.
     """
     pixels = _some_pixels(stack)
     strengths = np.ones(len(stack.light_directions))
     for _ in range(_ROUNDS):
         found = find_normals(divided(pixels, strengths))
-        if np.count_nonzero(found.measured) < 20:
-            raise ImageError("the pictures do not tell how strong their lights are: too little of them is matt and lit")
+        _check(found.normals[found.measured])
         grey = found.normals[found.measured] * found.albedo[found.measured].mean(axis=1, keepdims=True) / np.pi
         shown = pixels.reflectance_cos[:, found.measured].mean(axis=-1) / strengths[:, None]
         ratio = _ratios(shown, stack.light_directions @ grey.T)
@@ -53,6 +56,14 @@ def _some_pixels(stack: LightStack) -> LightStack:
     distant = np.full(len(value), np.inf)
     value, variance = value[:, whole, None], variance[:, whole, None]
     return replace(stack, reflectance_cos=value, variance=variance, light_distances_m=distant)
+
+
+def _check(normals: Float32) -> None:
+    """Raises ImageError where normals (n, 3) are few or alike."""
+    if len(normals) < _FEWEST:
+        raise ImageError("the pictures do not tell how strong their lights are: too little of them is matt and lit")
+    if np.linalg.eigvalsh(np.cov(normals[:, :2].T.astype(np.float64)))[0] < _CURVED**2:
+        raise ImageError("the pictures do not tell how strong their lights are: what they show is nearly flat")
 
 
 def _ratios(shown: Float64, model: Float64) -> Float64:

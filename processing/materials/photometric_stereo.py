@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 from processing.materials import photometric_kernel as kernel
 from processing.materials.surface import integrate
 from processing.products import LightStack, NormalMap, plane_points
-from processing.products.arrays import Float64
+from processing.products.arrays import Float32, Float64
 
 _MOST_TAKEN = 32  # samples that a start is chosen by
 _MOST_TRIPLES = 64  # 40 % of shadow and highlight leave no good triple among them once in ten million pixels
@@ -125,15 +125,18 @@ def _points(stack: LightStack, depth_m: Float64) -> Float64:
 
 
 def _starts(stack: LightStack, points: Float64, pixels: NDArray[np.intp] | slice = np.s_[:]) -> Float64:
-    value, variance, lights = _samples(stack)
-    return kernel.starts(value[:, pixels], variance[:, pixels], lights, points, _triples())
+    return kernel.starts(*_samples(stack, pixels), points, _triples())
 
 
-def _samples(stack: LightStack) -> tuple[NDArray[np.floating], NDArray[np.floating], Float64]:
-    """Values and variances (light, pixel, 3), and each light's direction and distance (light, 4)."""
+def _samples(stack: LightStack, pixels: NDArray[np.intp] | slice = np.s_[:]) -> tuple[Float32, Float32, Float64]:
+    """Values and variances (light, pixel, 3), and each light's direction and distance (light, 4).
+
+    Of one type and order in memory always: for another the kernels would be compiled once more.
+    """
     lights = np.column_stack([stack.light_directions, stack.light_distances_m]).astype(np.float64)
-    shape = (len(lights), -1, 3)
-    return stack.reflectance_cos.reshape(shape), stack.variance.reshape(shape), lights
+    parts = (part.reshape(len(lights), -1, 3)[:, pixels] for part in (stack.reflectance_cos, stack.variance))
+    value, variance = (np.ascontiguousarray(part, np.float32) for part in parts)
+    return value, variance, lights
 
 
 @cache

@@ -28,3 +28,5 @@ def test_strengths_of_a_ball_under_twelve_lights(gloss):
 def test_pictures_that_tell_nothing_are_refused():
     with pytest.raises(ImageError, match="how strong"):
         light_strengths(stack_of(shapes.ball(8), shapes.dome(6), np.zeros(6)))
+    with pytest.raises(ImageError, match="flat"):
+        light_strengths(stack_of(shapes.hills(12, seed=1, height=0.01), shapes.dome(6), np.ones(6)))

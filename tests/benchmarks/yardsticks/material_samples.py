@@ -20,7 +20,7 @@ from simulators.sphere_truth import camera_axes, reflectance_maps
 
 Array = NDArray[Any]
 
-SPHERES = ("sphere", "sphere-glaze", "sphere-wax", "sphere-cloth")
+SPHERES = {"stone": "sphere", "glaze": "sphere-glaze", "wax": "sphere-wax", "cloth": "sphere-cloth"}
 # The plane of a BTF's texels under the holder's: where the texels of another seed's BTF vary least over the views,
 # among steps of 0.25 mm. On the holder's own plane all surfaces lie below their texels and shift with the view.
 DEPTHS_M = {"brick": 1.0e-3, "weave": 1.0e-3, "peanut": 1.25e-3, "grass": 1.25e-3}
@@ -83,22 +83,22 @@ def _lights(maps: ReflectanceMaps, wanted: Array) -> ReflectanceMaps:
     )
 
 
-def arm_sphere(sample: str, size: int, seed: int) -> Samples:
+def arm_sphere(material: str, size: int, seed: int) -> Samples:
     """A sphere under the twelve places of the LED arm, 0.6 m away; every third light is held out."""
     azimuths = [*range(-60, 0, 10), *range(10, 70, 10)]
     lights_m = np.stack([0.6 * direction(np.radians(azimuth), 0.0) for azimuth in azimuths])
-    return _sphere(f"{sample}, arm", lights_m, 1.1 * direction(0.0, 0.0), size, seed)
+    return _sphere((material, "arm"), lights_m, 1.1 * direction(0.0, 0.0), size, seed)
 
 
-def dome_sphere(sample: str, size: int, seed: int) -> Samples:
+def dome_sphere(material: str, size: int, seed: int) -> Samples:
     """A sphere seen from above under 48 places of four lamps of the light arc, 0.9 m away; every third is held out."""
     places = [(elevation, azimuth) for elevation in (20, 40, 60, 80) for azimuth in range(15, 360, 30)]
     lights_m = np.stack([0.9 * direction(np.radians(azimuth), np.radians(elevation)) for elevation, azimuth in places])
-    return _sphere(f"{sample}, dome", lights_m, 1.0 * direction(0.0, np.radians(88.0)), size, seed)
+    return _sphere((material, "dome"), lights_m, 1.0 * direction(0.0, np.radians(88.0)), size, seed)
 
 
-def _sphere(name: str, lights_m: Array, eye_m: Array, size: int, seed: int) -> Samples:
-    true = reflectance_maps(name.split(",")[0], seed, lights_m, eye_m, size).astype(np.float64)
+def _sphere(name: tuple[str, str], lights_m: Array, eye_m: Array, size: int, seed: int) -> Samples:
+    true = reflectance_maps(SPHERES[name[0]], seed, lights_m, eye_m, size).astype(np.float64)
     noisy, variance = photographed(true, np.random.default_rng((seed, len(lights_m))))
     distance_m = np.linalg.norm(lights_m, axis=1)
     maps = ReflectanceMaps(
@@ -111,7 +111,7 @@ def _sphere(name: str, lights_m: Array, eye_m: Array, size: int, seed: int) -> S
     found = sphere_measurements(maps)
     values = (_lit(some.reshape(len(true), -1, 3), found.light) for some in (true, noisy))
     held = np.arange(len(true)) % 3 == 1
-    return Samples(name, *values, found.light, found.view, (size, size), maps, np.arange(len(true)), held)
+    return Samples("\n".join(name), *values, found.light, found.view, (size, size), maps, np.arange(len(true)), held)
 
 
 def far_btf(sample: str, texels: int, rays: int, every: int, seed: int) -> Samples:

@@ -30,7 +30,7 @@ def reconstructions(material: Samples) -> dict[str, Array]:
     asked = material.only(np.arange(len(contrast)) == np.argsort(contrast)[3 * len(contrast) // 4])
     methods = eight_methods(nearest_basis(material))
     drawn = {name: fit(material)[0](asked)[0] for name, fit in methods.items()}
-    shown = {f"{material.name}: truth": asked.true[0], **drawn}
+    shown = {f"{material.name}: truth".replace("\n", ", "): asked.true[0], **drawn}
     bright = np.nanpercentile(asked.true, 98)  # so that materials are shown alike
     return {name: np.float32(values / bright).reshape(*material.shape, 3) for name, values in shown.items()}
 

@@ -13,13 +13,13 @@ from service.pictures import save_colour_panels
 from tests.benchmarks.yardsticks.material_methods import eight_methods, nearest_basis
 from tests.benchmarks.yardsticks.material_samples import DEPTHS_M, SPHERES, Array, Samples, dome_sphere, far_btf
 
-SIZE, SEED = 64, 1
+SIZE, SEED = 48, 1
 
 
 def main(to: Path) -> None:
     """Fit everything and write the picture."""
     spheres = [partial(dome_sphere, sample, SIZE, SEED) for sample in SPHERES]
-    made = [make() for make in (*spheres, *(partial(far_btf, sample, SIZE, 4, 4, SEED) for sample in DEPTHS_M))]
+    made = [make() for make in (*spheres, *(partial(far_btf, sample, SIZE, 4, 5, SEED) for sample in DEPTHS_M))]
     panels = [panel for material in made for panel in reconstructions(material).items()]
     save_colour_panels(to, panels, len(panels) // len(made))
 

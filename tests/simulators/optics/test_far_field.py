@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from simulators.far_field import btf
-from simulators.layout import direction
+from simulators.far_field import btf, btf_below
+from simulators.layout import HolderLayout, direction
 
 DIRECTIONS = np.array([direction(*np.radians(pair)) for pair in ((0, 90), (20, 55), (140, 40), (260, 25))])
 
@@ -66,3 +66,14 @@ def test_low_directions_and_other_samples_are_refused():
         btf("brick", 1, low, DIRECTIONS, 4)
     with pytest.raises(ValueError, match="'sphere' is not periodic: one of brick, weave"):
         btf("sphere", 1, DIRECTIONS, DIRECTIONS, 4)
+
+
+def test_a_lower_plane_of_texels_is_the_same_picture_shifted_against_the_view():
+    """The plane lies so deep that the view shifts by one texel; seen from straight above nothing moves."""
+    period_m, texels, tangent = HolderLayout().opening_m, 8, 0.5
+    up, slanted = np.array([0.0, 0.0, 1.0]), np.array([tangent, 0.0, 1.0]) / np.hypot(tangent, 1)
+    views, depth_m = np.stack([up, slanted]), period_m / texels / tangent
+    top = btf("brick", 3, up[None], views, texels, 2)
+    below = btf_below("brick", 3, (up[None], views), texels, 2, depth_m)
+    np.testing.assert_array_equal(below[0, 0], top[0, 0])
+    np.testing.assert_allclose(below[0, 1], np.roll(top[0, 1], -1, axis=1), rtol=1e-4, atol=1e-5)

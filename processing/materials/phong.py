@@ -26,6 +26,7 @@ _DISTINCT_ANGLES_RAD = 1e-3
 _BINS = 8192  # 0.011 deg: (N.H)^n is off by less than n * 5e-9 between two of them
 _LOG_COSINE = np.log(np.maximum(np.cos(np.linspace(0, np.pi / 2, _BINS)), 1e-300))
 _GRID = 32
+_BINS_IN_GRID = 4
 _CHUNK = 4096  # samples that one thread takes at a time; sums are added in the chunks' order
 
 
@@ -151,10 +152,17 @@ class _Sums:
     light_value: Float64  # (3,)
     value_value: Float64  # (3,)
     by_angle: Float64  # (bins, 3, 3): sums of w, w N.L, w value per channel
+    log_cosine: Float64  # (bins,): of N.H
+
+    def coarser(self, count: int) -> "_Sums":
+        """The same with so many bins at a time as one."""
+        by_angle = self.by_angle.reshape(-1, count, 3, 3).sum(axis=1)
+        log_cosine = self.log_cosine.reshape(-1, count).mean(axis=1)
+        return _Sums(self.light_light, self.light_value, self.value_value, by_angle, log_cosine)
 
     def cost(self, exponents: Float64) -> Float64:
         """Weighted squared residual at the best k_d, k_s of each of the exponents (n,)."""
-        lobe = np.exp(exponents[:, None] * _LOG_COSINE)
+        lobe = np.exp(exponents[:, None] * self.log_cosine)
         half_half = lobe**2 @ self.by_angle[:, 0]
         half_light, half_value = lobe @ self.by_angle[:, 1], lobe @ self.by_angle[:, 2]
         k = solve_bounded_pair(self.light_light, half_light, half_half, self.light_value, half_value)
@@ -225,16 +233,16 @@ class _Problem:
         """The n of least cost: the best of a grid, then within its cell."""
         products = self.products(1.0)
         by_angle = _bins(self.value, self.weights, self.cos_light, self.cos_half, _BINS)
-        sums = _Sums(products[:, 0, 0], products[:, 0, 3], products[:, 3, 3], by_angle)
+        sums = _Sums(products[:, 0, 0], products[:, 0, 3], products[:, 3, 3], by_angle, _LOG_COSINE)
         grid = np.linspace(np.log(bounds[0]), np.log(bounds[1]), _GRID)
-        cost = sums.cost(np.exp(grid))
-        best = int(np.argmin(cost))
+        best = int(np.argmin(sums.coarser(_BINS_IN_GRID).cost(np.exp(grid))))
         around = (grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)])
-        refined = minimize_scalar(
-            lambda log_n: float(sums.cost(np.exp([log_n]))[0]), bounds=around, method="bounded",
-            options={"xatol": 1e-7},
-        )  # fmt: skip
-        return float(np.exp(refined.x if refined.fun <= cost[best] else grid[best]))
+
+        def cost(log_exponent: float) -> float:
+            return float(sums.cost(np.exp([log_exponent]))[0])
+
+        refined = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-7})
+        return float(np.exp(refined.x if refined.fun <= cost(grid[best]) else grid[best]))
 
     def products(self, exponent: float) -> Float64:
         """Weighted inner products (3, 4, 4) of N.L, the lobe, its slope by n, and the values."""

@@ -138,7 +138,7 @@ def inner_products(
     raw = np.zeros((chunks, channels, count + 1, count + 1))
     projected = np.zeros((chunks, channels, count + 1, count + 1))
     for chunk in numba.prange(chunks):
-        column, moment = np.empty((count + 1, directions)), np.empty((count + 1, size))
+        column, moment = np.empty((count + 2, directions)), np.empty((count + 1, size))
         for t in range(chunk * _CHUNK, min((chunk + 1) * _CHUNK, texels)):
             own, functions = columns[at(t, len(columns))], basis[at(t, len(basis))]
             for c in range(channels):
@@ -153,10 +153,9 @@ def inner_products(
 
 @numba.njit(cache=True, fastmath={"reassoc", "contract"})
 def _accumulate(basis: Float64, column: Float64, weights: Float64, moment: Float64, raw: Float64) -> None:
-    """Add the products of the columns; the moments with the basis functions are set."""
-    count, directions = column.shape
-    weighted = np.empty(directions)
-    for i in range(count):
+    """Add the products of the columns, the last of which is for use here; set the moments with the basis functions."""
+    directions, weighted = column.shape[1], column[-1]
+    for i in range(len(moment)):
         for d in range(directions):
             weighted[d] = weights[d] * column[i, d]
         for j in range(i + 1):

@@ -242,3 +242,14 @@ def test_bounded_pair_is_the_best_of_the_quadrant(numbers):
     grid = np.stack(np.meshgrid(np.linspace(0, 3, 40), np.linspace(0, 3, 40)), axis=-1).reshape(-1, 2)
     least = ((grid @ columns.T - value) ** 2).sum(axis=1).min()
     assert ((columns @ k - value) ** 2).sum() <= least + 1e-6 * (1 + value @ value)
+
+
+def test_single_precision_gives_the_same_lobe(rng):
+    """Values rounded to float32 move the lobe by no more than their rounding."""
+    samples, _ = noisy(rng, material(rng))
+    rounded = LobeSamples(
+        samples.value.astype(np.float32), samples.cos_light, samples.cos_half, samples.variance.astype(np.float32)
+    )
+    here, there = fit_blinn_phong(samples).phong, fit_blinn_phong(rounded).phong
+    np.testing.assert_allclose(there.exponent, here.exponent, rtol=1e-5)
+    np.testing.assert_allclose(there.diffuse, here.diffuse, rtol=1e-5)

@@ -10,9 +10,10 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from processing.materials.photometric_samples import FEWEST, NOISES, Array, Samples, Values, gather, lit
+from processing.products import NormalStatus
 from processing.robust import TUKEY
 
-MEASURED, NO_SAMPLES, TOO_FEW, RANK_DEFICIENT, INCONSISTENT = range(5)
+MEASURED, NO_SAMPLES, TOO_FEW, RANK_DEFICIENT, INCONSISTENT = (int(status) for status in NormalStatus)
 LEAST_VOLUME = 1e-3  # of three light directions, for the plane through their samples
 LEAST_SPREAD = 0.03  # least over largest singular value of the lights that count; noise grows by its inverse
 ROUNDS = 30

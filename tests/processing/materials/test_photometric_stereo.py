@@ -152,7 +152,10 @@ def test_lights_in_one_plane_determine_no_normal(distance_m):
     assert (found.status == NormalStatus.RANK_DEFICIENT).all()
 
 
-def test_black_and_dark_pictures_have_no_normals():
+@pytest.mark.parametrize("distance_m", [DISTANT, 0.05])
+def test_black_and_missing_pictures_have_no_normals(distance_m):
     lights = shapes.dome(6)
     for images in (np.zeros((6, 3, 3, 3)), np.full((6, 3, 3, 3), np.nan)):
-        assert not find_normals(stack_of(images, lights)).measured.any()
+        found = find_normals(stack_of(images, lights, np.full(6, distance_m)))
+        assert not found.measured.any()
+        assert np.isfinite(found.depth_m).all()

@@ -14,7 +14,7 @@ from PIL import Image
 from processing.errors import ImageError
 from processing.formats.raw import read_raw
 from processing.laser.laser_chessboard import BoardStripe
-from processing.products import Mdf, ReflectanceMaps, StoredBtf
+from processing.products import LightStack, Mdf, NormalMap, ReflectanceMaps, StoredBtf
 from processing.radiometry.display import srgb8
 from processing.radiometry.mosaic import demosaic
 from processing.radiometry.sensor_calibration import SensorCalibration
@@ -89,6 +89,30 @@ def draw_reflectance_maps(product: Path, out: Path) -> None:
     """A sphere's reflectance maps over gradient space, every light."""
     maps = ReflectanceMaps.load(product).reflectance_cos
     save_colour_panels(out, [(f"light {i + 1}", one) for i, one in enumerate(maps)], 4)
+
+
+def draw_light_stack(product: Path, out: Path) -> None:
+    """A body under its lights, up to eight of them spread over all."""
+    pictures = LightStack.load(product).reflectance_cos
+    chosen = np.unique(np.linspace(0, len(pictures) - 1, MOST_PANELS).round().astype(int))
+    save_colour_panels(out, [(f"light {i + 1}", pictures[i]) for i in chosen], 4)
+
+
+def draw_normals(product: Path, out: Path) -> None:
+    """Normals as colours (red to the right, green up, blue toward the camera), albedo, and how sure the normals are."""
+    normals = NormalMap.load(product)
+    figure = Figure(figsize=(12, 4.4), layout="constrained")
+    axes = figure.subplots(1, 3)
+    coloured = np.where(normals.measured[..., None], (normals.normals + 1) / 2, 0)
+    axes[0].imshow(coloured, interpolation="nearest")
+    axes[1].imshow(np.clip(np.nan_to_num(normals.albedo), 0, 1) ** (1 / 2.2), interpolation="nearest")
+    deviation_deg = np.degrees(np.sqrt(normals.variance))
+    most_deg = float(np.nanpercentile(deviation_deg, 98)) if normals.measured.any() else 1.0
+    shown = axes[2].imshow(deviation_deg, vmin=0, vmax=most_deg, cmap="viridis", interpolation="nearest")
+    figure.colorbar(shown, ax=axes[2], shrink=0.8, label="deg")
+    for axis, title in zip(axes, ("normals", "albedo", "standard deviation of the normals"), strict=True):
+        axis.set(title=title, xticks=[], yticks=[])
+    figure.savefig(out, dpi=110)
 
 
 def draw_sensor(product: Path, out: Path) -> None:

@@ -20,7 +20,16 @@ from render.shapes import captured_sphere, plane, sphere, statue, torus, vase
 from render.showcase import write_showcase
 from render.srf import repeating
 from service.files import replaced
-from service.pictures import STILL, check_still, draw_btf, draw_displacements, draw_reflectance_maps, draw_sensor
+from service.pictures import (
+    STILL,
+    check_still,
+    draw_btf,
+    draw_displacements,
+    draw_light_stack,
+    draw_normals,
+    draw_reflectance_maps,
+    draw_sensor,
+)
 
 ANIMATED = (".webp", ".gif", ".apng")
 FRAMES = 24
@@ -34,7 +43,14 @@ SHAPES: dict[str, Callable[[], Mesh]] = {
     "vase": vase,
     "statue": statue,
 }
-MAPS = {"mdf": draw_displacements, "btf": draw_btf, "reflectance_maps": draw_reflectance_maps, "sensor": draw_sensor}
+MAPS = {
+    "mdf": draw_displacements,
+    "btf": draw_btf,
+    "reflectance_maps": draw_reflectance_maps,
+    "light_stack": draw_light_stack,
+    "normals": draw_normals,
+    "sensor": draw_sensor,
+}
 
 
 def kind_of(folder: Path) -> str:

@@ -21,7 +21,7 @@ from service.pipeline.residual_basis import basis_for
 from service.pipeline.stacks import stacks
 from service.simulation import Simulation
 from service.truth import srf_errors
-from service.viewing import shown_on
+from service.viewing import draw_product, shown_on
 from tests.reference.lamp_rig import LampRig
 
 CAMERA = "cam7"
@@ -80,6 +80,9 @@ def test_a_body_of_any_shape_gives_normals_and_a_surface_that_its_srf_is_drawn_o
     # Six lights, of which two or three are in shadow in the folds; the camera's axes are not quite the view's.
     assert degrees(np.nanmedian(np.arccos(np.clip(cosine, -1, 1)))) < 5
     assert np.isfinite(cosine).sum() > 0.7 * np.isfinite(true[row, column, 0]).sum()
+    for folder in (stack_folder, normals_folder):
+        assert "as measured" in draw_product(folder, lab[1] / f"{folder.name}.png", "", (0.0, 0.0), 64)
+        assert (lab[1] / f"{folder.name}.png").stat().st_size > 10_000
     srf, mesh = shown_on(srf_folder, "")
     assert srf.residual.shape[1:3] == normals.status.shape
     assert load_mesh(srf_folder / "mesh.glb").positions.shape == mesh.positions.shape

@@ -81,7 +81,7 @@ def test_a_body_of_any_shape_gives_normals_and_a_surface_that_its_srf_is_drawn_o
     assert degrees(np.nanmedian(np.arccos(np.clip(cosine, -1, 1)))) < 5
     assert np.isfinite(cosine).sum() > 0.7 * np.isfinite(true[row, column, 0]).sum()
     for folder in (stack_folder, normals_folder):
-        assert "as measured" in draw_product(folder, lab[1] / f"{folder.name}.png", "", (0.0, 0.0), 64)
+        assert "as measured" in draw_product(folder, lab[1] / f"{folder.name}.png", "", (), 64)
         assert (lab[1] / f"{folder.name}.png").stat().st_size > 10_000
     srf, mesh = shown_on(srf_folder, "")
     assert srf.residual.shape[1:3] == normals.status.shape

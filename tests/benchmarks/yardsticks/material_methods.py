@@ -149,8 +149,10 @@ def _of_srf(fit: SrfFit) -> tuple[Predict, int]:
     def predict(asked: Samples) -> Array:
         functions = _functions(srf.basis, asked)
         if functions.shape[1] == 1:
-            return _lobe_values(srf.phong, asked) + np.einsum("dk,ctk->dtc", functions[:, 0], texels, optimize=True)
-        return _lobe_values(srf.phong, asked) + np.einsum("dtk,ctk->dtc", functions, texels)
+            residual = np.einsum("dk,ctk->dtc", functions[:, 0], texels, optimize=True)
+        else:
+            residual = np.einsum("dtk,ctk->dtc", functions, texels)
+        return np.where(asked.light[..., 2:] > 0, _lobe_values(srf.phong, asked) + residual, 0.0)
 
     return predict, srf.residual.size + (0 if srf.phong is _NO_LOBE else _LOBE)
 

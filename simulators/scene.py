@@ -24,11 +24,24 @@ class Below:
 
 
 @dataclass(frozen=True)
+class Grain:
+    """Grooves of bare metal: `along` (n, 3) are unit tangents, `roughness` (n, 2) that along and that across them.
+
+    `reflectance` (n, 3) is the Fresnel reflectance at normal incidence, which gives the metal its colour. 0 in both is
+    no grain.
+    """
+
+    along: Floats
+    roughness: Floats
+    reflectance: Floats
+
+
+@dataclass(frozen=True)
 class Material:
     """Diffuse and glossy reflectance of n surface points: `albedo` (n, 3), `specular` (n,), `roughness` (n,).
 
     `specular` is the Fresnel reflectance at normal incidence, `roughness` the width of the glossy lobe in (0, 1].
-    `sheen` (n,) is what upright fibres add at grazing angles, in [0, 1].
+    `sheen` (n,) is what upright fibres add at grazing angles, in [0, 1], `grain` what grooves of metal add.
     """
 
     albedo: Floats
@@ -36,6 +49,7 @@ class Material:
     roughness: Floats
     below: Below | None = None
     sheen: Floats | None = None
+    grain: Grain | None = None
 
     @property
     def diffuse(self) -> Floats:
@@ -47,7 +61,8 @@ class Material:
         """Memory that the arrays take."""
         below = () if self.below is None else (self.below.albedo, self.below.spread)
         sheen = () if self.sheen is None else (self.sheen,)
-        return sum(array.nbytes for array in (self.albedo, self.specular, self.roughness, *below, *sheen))
+        grain = () if self.grain is None else (self.grain.along, self.grain.roughness, self.grain.reflectance)
+        return sum(array.nbytes for array in (self.albedo, self.specular, self.roughness, *below, *sheen, *grain))
 
 
 @dataclass(frozen=True)
@@ -115,11 +130,12 @@ def among_matt(count: int, albedo: float, where: Mask | NDArray[np.int64], insid
     around = matt(count, albedo)
     around.albedo[where], around.specular[where] = inside.albedo, inside.specular
     around.roughness[where] = inside.roughness
-    below, sheen = inside.below, inside.sheen
+    below, sheen, grain = inside.below, inside.sheen, inside.grain
     return Material(
         around.albedo,
         around.specular,
         around.roughness,
         None if below is None else Below(spread_out(below.albedo), spread_out(below.spread)),
         None if sheen is None else spread_out(sheen),
+        None if grain is None else Grain(*map(spread_out, (grain.along, grain.roughness, grain.reflectance))),
     )

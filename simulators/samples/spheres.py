@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from simulators.samples.brushed import brushed
 from simulators.samples.cloth import cloth
 from simulators.samples.space_noise import fractal, tilted_normals
 from simulators.samples.stone import stone
@@ -46,4 +47,5 @@ SPHERES: Mapping[str, Surface] = {
     "sphere-glaze": glaze,
     "sphere-wax": wax,
     "sphere-cloth": cloth,
+    "sphere-brushed": brushed,
 }

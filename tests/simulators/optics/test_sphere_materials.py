@@ -8,7 +8,7 @@ import pytest
 from simulators.layout import build_layout
 from simulators.light import radiance
 from simulators.samples.spheres import SPHERES
-from simulators.scene import Below, Hits, Material
+from simulators.scene import Below, Grain, Hits, Material
 from simulators.scene_sphere import SphereScene
 
 FAR_M = 1e5
@@ -42,6 +42,7 @@ def _repeated(material: Material, times: int) -> Material:
         each(material.roughness),
         None if material.below is None else Below(each(material.below.albedo), each(material.below.spread)),
         None if material.sheen is None else each(material.sheen),
+        None if material.grain is None else Grain(*map(each, vars(material.grain).values())),
     )
 
 
@@ -50,10 +51,21 @@ def _slanted(angle_deg: float) -> np.ndarray:
 
 
 def _patches(name: str, count: int = 12) -> Material:
-    return SPHERES[name](_around(count), 3)[1]
+    """Laid flat: grain runs along x and y in turn."""
+    material = SPHERES[name](_around(count), 3)[1]
+    if material.grain is None:
+        return material
+    return replace(material, grain=replace(material.grain, along=np.eye(3, dtype=np.float32)[np.arange(count) % 2]))
 
 
-@pytest.mark.parametrize("name", ["sphere-glaze", "sphere-wax", "sphere-cloth"])
+def _grooved(roughness: tuple[float, float], reflectance: float = 0.3) -> Material:
+    """One point of bare metal with its grain along x."""
+    nothing = np.zeros((1, 3), np.float32)
+    grain = Grain(np.float32([[1, 0, 0]]), np.float32([roughness]), np.full((1, 3), reflectance, np.float32))
+    return Material(nothing, nothing[:, 0], nothing[:, 0] + 1, grain=grain)
+
+
+@pytest.mark.parametrize("name", ["sphere-glaze", "sphere-wax", "sphere-cloth", "sphere-brushed"])
 @pytest.mark.parametrize("angle_deg", [0.0, 55.0, 80.0])
 def test_no_more_light_leaves_than_falls_in(name, angle_deg):
     """Light from all around, also past the horizon where the body lets it through, toward one view."""
@@ -151,3 +163,56 @@ def test_threads_of_cloth_cross_over_and_under():
     sideways = np.einsum("nk,nk->n", normals, np.gradient(circle, axis=0) / np.gradient(angle)[:, None])
     assert sideways.min() < -0.3
     assert sideways.max() > 0.3
+
+
+def test_metal_that_reflects_all_gives_back_no_more_than_falls_in():
+    """Facets without a loss of their own, the grain along and across the view; light between them is not followed."""
+    lights = _around(6000)
+    for angle_deg in (0.0, 40.0, 75.0):
+        for view in (_slanted(angle_deg), _slanted(angle_deg)[[1, 0, 2]]):
+            out = _seen(_grooved((0.3, 0.55), 1.0), lights, view)[..., 1].sum() * 4 * np.pi / len(lights)
+            assert 0.8 < out < 1.003  # a sum over lights 2.6 deg apart
+
+
+def test_equal_roughness_along_and_across_is_the_round_lobe():
+    nothing = np.zeros((1, 3), np.float32)
+    gloss = Material(nothing, np.float32([0.3]), np.float32([0.4]))
+    lights = _around(500)
+    for view in (_slanted(0.0), _slanted(50.0), _slanted(70.0)[[1, 0, 2]]):
+        found, expected = (_seen(material, lights, view) for material in (_grooved((0.4, 0.4)), gloss))
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-9)
+        assert expected.max() > 0
+
+
+def test_the_highlight_of_brushed_metal_is_longer_across_the_grain():
+    """Seen from straight above, the angle at which it has fallen to a half, along the grain and across it."""
+    angles_deg = np.arange(0.0, 80.0, 0.5)
+    lights = np.stack([_slanted(angle) for angle in angles_deg])
+    brushed, cosine = _patches("sphere-brushed", 2), lights[:, 2]
+    along, across = _seen(brushed, lights, _slanted(0.0))[..., 1].T / cosine  # the second has its grain along y
+    width_along, width_across = (angles_deg[np.argmax(one < one[0] / 2)] for one in (along, across))
+    assert width_across > 2 * width_along > 0
+
+
+def test_metal_colours_its_highlight_and_is_dark_beside_it():
+    brushed = _patches("sphere-brushed")
+    at, beside = (_seen(brushed, np.array([_slanted(angle)]), _slanted(-20.0))[0] for angle in (20.0, 85.0))
+    assert (at[:, 0] > at[:, 1]).all()
+    assert (at[:, 1] > 1.5 * at[:, 2]).all()
+    assert (at[::2] > 300 * beside[::2]).all()  # where the grain lies in the plane of light and view
+
+
+def test_light_and_view_may_change_places_on_brushed_metal():
+    brushed, ways = _patches("sphere-brushed"), _around(40)[:18]  # up to 84 deg from the normal
+    reflectance = np.stack([_seen(brushed, ways, view) / ways[:, 2, None, None] for view in ways])
+    # The eye is 1e-5 off its direction as the points see it, and the lobe changes by 44 times that along the grain.
+    np.testing.assert_allclose(reflectance, reflectance.swapaxes(0, 1), rtol=1e-3)
+
+
+def test_grain_of_brushed_metal_runs_along_circles_of_the_surface():
+    places = np.vstack([_around(2000), [[0, 1, 0], [0, -1, 0]]])
+    normals, material = SPHERES["sphere-brushed"](places, 5)
+    np.testing.assert_allclose(np.linalg.norm(material.grain.along, axis=1), 1, atol=1e-6)
+    np.testing.assert_allclose(np.einsum("nk,nk->n", material.grain.along, normals), 0, atol=1e-6)
+    np.testing.assert_allclose(material.grain.along[:, 1], 0, atol=1e-6)
+    assert (material.grain.roughness[:, 1] > material.grain.roughness[:, 0] + 0.1).all()

@@ -9,7 +9,7 @@ from simulators.scene import Array, Floats, Grain, Material
 # Of 70 % copper and 30 % zinc, red, green and blue: from the refractive index that Querry measured (1985).
 BRASS = (0.91, 0.78, 0.42)
 ALONG, ACROSS = 0.30, 0.55  # roughness
-DUST = 0.01  # albedo
+DUST = 0.03  # albedo of what lies on it, and of light that goes from groove to groove
 # The circles lie about the rig's y axis: its poles are at the left and right limb for the front camera and for all of
 # the arc, so that none looks at a place where the grain turns about.
 AXIS = np.array([0.0, 1.0, 0.0])

@@ -9,7 +9,9 @@ from simulators.scene import Array, Floats, Grain, Material
 # Of 70 % copper and 30 % zinc, red, green and blue: from the refractive index that Querry measured (1985).
 BRASS = (0.91, 0.78, 0.42)
 ALONG, ACROSS = 0.30, 0.55  # roughness
-DUST = 0.03  # albedo of what lies on it, and of light that goes from groove to groove
+# Albedo of what lies on it, and of light that goes from groove to groove: with 0.01 the body is too dark beside its
+# highlights for its limb to be found from above.
+DUST = 0.03
 # The circles lie about the rig's y axis: its poles are at the left and right limb for the front camera and for all of
 # the arc, so that none looks at a place where the grain turns about.
 AXIS = np.array([0.0, 1.0, 0.0])

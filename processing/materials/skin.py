@@ -31,7 +31,6 @@ from processing.materials.skin_cut import least_cut
 from processing.materials.skin_example import CELL_TEXELS, Example, Fitter, example_of
 from processing.materials.skin_field import tangent_field
 from processing.materials.skin_patch import Layout, Sheet, empty_sheet, further_out, lay_flat, layout_of
-from processing.materials.skin_seams import close_seams
 from processing.materials.skin_surface import Int32, Surface, refine, weld
 from processing.materials.skin_turn import turning_table
 from processing.products.arrays import Float64
@@ -92,7 +91,7 @@ def drape(srf: Srf, positions: Float64, normals: Float64, triangles: Int32, opti
     field = tangent_field(surface, 4.0 * radius)
     texels = covered_texels(surface.corner_uv, atlas.shape)
     canvas = _grown(example, layout_of(surface, field, texels), texels, turning_table(srf.basis), options.seed)
-    texture = close_seams(_image(canvas.value, texels, atlas.shape), atlas, place)
+    texture = _image(canvas.value, texels, atlas.shape)
     residual = np.moveaxis(texture.reshape(*atlas.shape, 3, srf.basis.size), 2, 0)
     made = replace(srf, residual=np.ascontiguousarray(residual), wrap=True)
     patch = _image(canvas.patch + 1, texels, atlas.shape) - 1
@@ -101,8 +100,8 @@ def drape(srf: Srf, positions: Float64, normals: Float64, triangles: Int32, opti
 
 def _grown(example: Example, layout: Layout, texels: Texels, turning: Float64, seed: int) -> Canvas:
     """All texels covered, patch by patch, from one triangle of each part outward."""
-    canvas, sheet = empty_canvas(example, len(texels.index)), empty_sheet(layout)
     source, rng = Source(example.coefficients, example.seen, turning), np.random.default_rng(seed)
+    canvas, sheet = empty_canvas(source, len(texels.index)), empty_sheet(layout)
     cells = 2 * int(_RADIUS * min(example.coefficients.shape[:2]) / CELL_TEXELS)
     fitter, radius = Fitter(example, cells), 0.5 * cells * CELL_TEXELS
     number = 0
@@ -112,9 +111,9 @@ def _grown(example: Example, layout: Layout, texels: Texels, turning: Float64, s
             continue
         corner = _nearest_corner(layout, texels, texel)
         # A patch that begins further out has more to cover; if that misses the texel, one at its own corner does not.
-        for seed in (further_out(layout, distance, corner, _AHEAD * radius), corner):
+        for start in (further_out(layout, distance, corner, _AHEAD * radius), corner):
             if canvas.cover[texel] < COVERED:
-                piece = sheet.first(lay_flat(layout, sheet, seed, radius, number))
+                piece = sheet.first(lay_flat(layout, sheet, start, radius, number))
                 middle, radii = _fitted(fitter, canvas, piece, rng)
                 cut_in(canvas, piece, source, middle, radii, number)
                 number += 1

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.materials.skin_cut import share_within
-from processing.materials.skin_example import CELL_TEXELS, Example
+from processing.materials.skin_example import CELL_TEXELS
 from processing.materials.skin_patch import Sheet
 from processing.materials.skin_turn import STEPS
 from processing.products.arrays import Float32, Float64
@@ -33,9 +33,9 @@ class Source(NamedTuple):
     turning: Float64
 
 
-def empty_canvas(example: Example, texels: int) -> Canvas:
+def empty_canvas(source: Source, texels: int) -> Canvas:
     """Nothing covered."""
-    coefficients, components = example.seen.shape
+    coefficients, components = source.seen.shape
     return Canvas(
         np.zeros((texels, coefficients), np.float32),
         np.zeros((texels, components), np.float32),

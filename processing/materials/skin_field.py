@@ -2,8 +2,8 @@
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import cg
 
-from processing.materials.skin_solver import conjugate_gradients
 from processing.materials.skin_surface import Int32, Surface, directed_edges
 from processing.products.arrays import Float64
 
@@ -34,7 +34,7 @@ def tangent_field(surface: Surface, length: float) -> Float64:
     matrix = sparse.csr_matrix((values, (rows, columns)), shape=(n, n))
     wanted = (first @ _UPWARD + 1j * (second @ _UPWARD)) * mass / length**2
     # Only directions count: four digits of them are far below what can be seen.
-    upward = conjugate_gradients(matrix, wanted[:, None], tolerance=1e-4, most_steps=2000)[:, 0]
+    upward, _ = cg(matrix, wanted, rtol=1e-4, maxiter=2000, M=sparse.diags(1.0 / diagonal))
     upward /= np.maximum(np.abs(upward), 1e-300)
     b = upward.real[:, None] * first + upward.imag[:, None] * second
     return np.asarray(np.where(np.abs(upward)[:, None] > 0.5, np.cross(b, normals), first))

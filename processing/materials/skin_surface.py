@@ -54,8 +54,9 @@ def weld(positions: Float64, normals: Float64, triangles: Int32) -> tuple[Int32,
     used = np.unique(triangles)
     np.add.at(total, place[used], normals[used])
     length = np.linalg.norm(total, axis=1, keepdims=True)
-    # Normals that cancel leave any direction: one of them.
+    # Normals that cancel leave any direction: one of them; places of triangles without area have none.
     mean = np.where(length > 1e-6, total / np.maximum(length, 1e-300), normals[first])
+    mean[~mean.any(axis=1)] = [0.0, 0.0, 1.0]
     return np.asarray(place, np.int32), positions[first], np.asarray(mean, np.float64)
 
 

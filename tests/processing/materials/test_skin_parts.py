@@ -1,12 +1,9 @@
 """The parts of a skin against what is known: plain twins, flat and rolled surfaces, frames and lookups."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import sparse
 
 from processing.materials import skin_cut
 from processing.materials.skin_atlas import covered_texels, unwrap
@@ -15,8 +12,6 @@ from processing.materials.skin_cut import least_cut, share_within
 from processing.materials.skin_example import Fitter, example_of
 from processing.materials.skin_field import tangent_field
 from processing.materials.skin_patch import Sheet, empty_sheet, further_out, lay_flat, layout_of
-from processing.materials.skin_seams import border_edges, close_seams
-from processing.materials.skin_solver import conjugate_gradients
 from processing.materials.skin_surface import Surface, refine, weld
 from processing.materials.skin_turn import STEPS, turning_table
 from processing.products import ResidualBasis, bilinear_taps
@@ -177,38 +172,6 @@ def test_welded_mesh_does_not_depend_on_how_it_was_split(seed):
     np.testing.assert_allclose(mean, places, atol=1e-6)
 
 
-def test_seams_close_and_what_is_far_from_them_stays(rng):
-    """Noise from texel to texel is the worst that a border can meet: less than a tenth of its jumps is left."""
-    positions, _, triangles = ball()
-    atlas = unwrap(positions, triangles, 30.0)
-    place = np.arange(len(positions), dtype=np.int32)
-    texture = rng.normal(size=(*atlas.shape, 2)).astype(np.float32)
-    closed = close_seams(texture, atlas, place)
-    left, right = border_edges(atlas, place)
-    assert len(left) > 20
-
-    def jump(image):
-        sides = [bilinear_taps(atlas.uv[ends].mean(axis=1), *atlas.shape, wrap=True) for ends in (left, right)]
-        one, other = (np.einsum("nt,ntc->nc", taps, image[rows, columns]) for rows, columns, taps in sides)
-        return np.sqrt(np.mean((one - other) ** 2))
-
-    assert jump(closed) < 0.1 * jump(texture)
-    moved = (closed != texture).any(axis=2)
-    assert 0.01 < moved.mean() < 0.6
-
-
-@settings(max_examples=10, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-6, 1.0, 1e6]))
-def test_conjugate_gradients_solve(seed, scale):
-    rng = np.random.default_rng(seed)
-    part = rng.normal(size=(12, 12)) + 1j * rng.normal(size=(12, 12))
-    matrix = scale * (part @ part.conj().T + 12 * np.eye(12))
-    right = rng.normal(size=(12, 3)) + 0j
-    right[:, 2] = 0
-    found = conjugate_gradients(sparse.csr_matrix(matrix), right, tolerance=1e-12, most_steps=100)
-    np.testing.assert_allclose(matrix @ found, right, atol=1e-8)
-
-
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_texels_know_the_triangle_under_them_or_beside_them(seed):
@@ -249,10 +212,9 @@ def test_patches_blend_as_the_formula_says(seed, basis):
     """Two patches one over the other: old and new by their shares, the new one turned into the surface's frame."""
     rng = np.random.default_rng(seed)
     count, k = 40, basis.size
-    example = example_of(stone(24, 24), 1.0)
     coefficients = rng.normal(size=(24, 24, 3 * k)).astype(np.float32)
     source = Source(coefficients, rng.normal(size=(3 * k, 4)), turning_table(basis))
-    canvas = empty_canvas(replace(example, seen=source.seen), count)
+    canvas = empty_canvas(source, count)
     expected, cover = np.zeros((count, 3 * k)), np.zeros(count)
     for number in range(2):
         xy, steps = rng.uniform(-6, 6, (count, 2)), rng.integers(STEPS, size=count)

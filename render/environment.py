@@ -28,7 +28,7 @@ class Environment:
     def __post_init__(self) -> None:
         shape = self.radiance.shape
         if len(shape) != 3 or shape[2] != 3 or shape[1] != 2 * shape[0] or not shape[0]:
-            raise SceneError(f"an environment is (h, 2 h, 3), the whole sphere around; this one is {shape}")
+            raise SceneError(f"an environment is (h, 2 h, 3), twice as wide as high; this one is {shape}")
         if not (np.isfinite(self.radiance).all() and self.radiance.min() >= 0.0):
             raise SceneError("an environment of values that are negative or no numbers is no light")
 

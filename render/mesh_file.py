@@ -86,8 +86,8 @@ def _signed_volume(positions: Rows, triangles: Int32) -> float:
     """Volume of a closed mesh, negative when it is inside out; 0 for an open one, whose winding is taken as it is."""
     _, place = np.unique(positions, axis=0, return_inverse=True)
     edges = np.concatenate([place.ravel()[triangles[:, [a, b]]] for a, b in ((0, 1), (1, 2), (2, 0))])
-    ordered = {tuple(edge) for edge in edges.tolist()}
-    if any((b, a) not in ordered for a, b in ordered):
+    ordered, averted = (np.unique(ends.astype(np.int64) @ [len(positions), 1]) for ends in (edges, edges[:, ::-1]))
+    if not np.array_equal(ordered, averted):
         return 0.0
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6.0)

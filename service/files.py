@@ -31,9 +31,12 @@ def replaced(out: Path) -> Iterator[Path]:
 def filled(folder: Path) -> Iterator[Path]:
     """A folder to write to; on success what was written moves into `folder`, over files of the same names.
 
-    After a failure nothing has changed. Raises FileNotFoundError where the folder that `folder` lies in is missing.
+    After a failure nothing has changed. Raises FileNotFoundError where the folder that `folder` lies in is missing, and
+    NotADirectoryError where `folder` is a file.
     """
     check_folder(folder)
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, "it is a file, and results are a folder", str(folder))
     with TemporaryDirectory(prefix=PART, dir=folder.parent) as part:
         yield Path(part)
         for written in sorted(path for path in Path(part).rglob("*") if path.is_file()):

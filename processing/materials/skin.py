@@ -73,8 +73,9 @@ def drape(srf: Srf, positions: Float64, normals: Float64, triangles: Int32, opti
     """Synthesise the SRF over a mesh with `positions` and unit `normals` (n, 3) and `triangles` (m, 3).
 
     The sample's columns run along t, level where the surface stands, its rows downward. The atlas is as fine as the
-    sample, or as `size` allows; lobe and basis stay. Undetermined residuals count as 0. A seed gives the same skin
-    again. Raises ImageError where the mesh has no area, or too few texels show the sample on it.
+    sample, or as `size` allows; lobe and basis stay. Patches come from where residuals are determined, as far as there
+    is room; others count as 0. A seed gives the same skin again. Raises ImageError where the mesh has no area, or too
+    few texels show the sample on it.
     """
     place, places, place_normals = weld(positions, normals, triangles)
     corners = place[triangles]

@@ -64,6 +64,27 @@ def test_nothing_is_written_where_something_is_wrong(workshop):
     assert not (workshop / "new").exists()
 
 
+def test_skin_from_before_stays_until_the_new_one_is_there(workshop, monkeypatch):
+    before = {path.name: path.read_bytes() for path in (workshop / "worn").iterdir()}
+
+    def cut_off(srf, folder):
+        (folder / "srf.exr").write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Srf, "save", cut_off)
+    with pytest.raises(KeyboardInterrupt):
+        drape_product(workshop / "stone", str(workshop / "ring.glb"), workshop / "worn", 1.5, 160, seed=1)
+    assert {path.name: path.read_bytes() for path in (workshop / "worn").iterdir()} == before
+    assert not list(workshop.glob(".part-*"))
+
+
+def test_sample_is_not_written_over_nor_a_file_taken_for_a_folder(workshop):
+    with pytest.raises(ImageError, match="name another folder"):
+        drape_product(workshop / "stone", "vase", workshop / "worn" / ".." / "stone", 1.5, 160)
+    with pytest.raises(NotADirectoryError, match="results are a folder"):
+        drape_product(workshop / "stone", "vase", workshop / "ring.glb", 1.5, 160)
+
+
 def test_normals_of_the_mesh_survive(workshop):
     """Charts cut the mesh where it is round: shading must not show that."""
     before, after = load_mesh(workshop / "ring.glb"), load_mesh(workshop / "worn" / "mesh.glb")

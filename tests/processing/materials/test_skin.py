@@ -118,13 +118,22 @@ def test_brightness_only_scales_the_skin(skin):
     assert same.mean() > 0.999
 
 
-def test_undetermined_texels_count_as_nothing():
+def test_undetermined_texels_that_no_patch_can_avoid_count_as_nothing():
     example = uniform([0, 0, 0.3])
     example.residual[:, ::7] = np.nan
     made = drape(example, *cylinder(6, 12), COARSE)
     assert np.isfinite(made.srf.residual).all()
-    as_zero = drape(replace(example, residual=np.nan_to_num(example.residual)), *cylinder(6, 12), COARSE)
-    np.testing.assert_array_equal(made.srf.residual, as_zero.srf.residual)
+    seen = made.srf.residual[..., 2][:, made.patch >= 0]
+    assert -1e-6 < seen.min() < 0.1 < 0.2 < seen.max() < 0.3 + 1e-6
+
+
+def test_background_of_a_sample_is_left_out(rng):
+    """What a body does not cover of its picture has no residual: no patch shows that."""
+    example = replace(uniform([0, 0, 0.3]), wrap=False)
+    y, x = np.mgrid[:40, :40] - 19.5
+    example.residual[:, np.hypot(x - 3, y) > 14] = np.nan
+    made, _ = anywhere(rng, drape(example, *cylinder(6, 12), COARSE))
+    np.testing.assert_allclose(made[..., 2], 0.3, atol=1e-5)
 
 
 def test_a_material_without_any_residual_can_be_worn():

@@ -6,18 +6,20 @@ on it is found by the plane through three samples that has the least median erro
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from processing.materials.photometric_samples import FEWEST, NOISES, Array, Samples, Values, gather, lit
 from processing.products import NormalStatus
 from processing.robust import TUKEY
+from processing.threads import in_parts
 
 MEASURED, NO_SAMPLES, TOO_FEW, RANK_DEFICIENT, INCONSISTENT = (int(status) for status in NormalStatus)
 LEAST_VOLUME = 1e-3  # of three light directions, for the plane through their samples
 LEAST_SPREAD = 0.03  # least over largest singular value of the lights that count; noise grows by its inverse
 ROUNDS = 30
 SETTLED = 1e-8  # relative step at which the rounds end
+_PART = 256  # pixels that a thread takes at a time
 
 
 @njit(cache=True)
@@ -126,7 +128,30 @@ def bulk_variance(grey: Array, vector: Array, b: Array, bound: float) -> float:
     return float((squared * near).sum() / (freedom * (1 - 2 / (9 * freedom)) ** 3))
 
 
-@njit(parallel=True, cache=True)
+@njit(cache=True)
+def start(samples: Samples, triples: NDArray[np.intp], found: Array) -> None:
+    """Fill in `found` (4,) of one pixel, where there are samples enough."""
+    use = lit(samples)
+    if len(use) < FEWEST:
+        return
+    taken = min(len(use), len(triples) - 1)
+    use = use[(np.arange(taken) * len(use)) // taken]
+    grey, vector = samples.grey[use], samples.vector[use]
+    b, least = least_median(grey, vector, triples[taken])
+    # 1.4826 makes a median of normal errors a deviation; the rest is for few samples (Rousseeuw, Leroy 1987)
+    bound = (2.5 * 1.4826 * (1 + 5 / max(taken - 3, 1))) ** 2 * least
+    excess = bulk_variance(grey, vector, b, bound) - samples.variance[use].mean()
+    found[:3], found[3] = b, excess / squared_length(b)
+
+
+@njit(nogil=True, cache=True)
+def _starts(
+    value: Values, variance: Values, lights: Array, points: Array, triples: NDArray[np.intp], found: Array
+) -> None:
+    for pixel in range(len(points)):
+        start(gather(value[:, pixel], variance[:, pixel], lights, points[pixel]), triples, found[pixel])
+
+
 def starts(value: Values, variance: Values, lights: Array, points: Array, triples: NDArray[np.intp]) -> Array:
     """Scaled normal by least median and relative variance beyond the noise, (pixel, 4); NaN where there is none.
 
@@ -135,19 +160,12 @@ def starts(value: Values, variance: Values, lights: Array, points: Array, triple
     taken, evenly.
     """
     found = np.full((len(points), 4), np.nan)
-    for pixel in prange(len(points)):
-        samples = gather(value[:, pixel], variance[:, pixel], lights, points[pixel])
-        use = lit(samples)
-        if len(use) < FEWEST:
-            continue
-        taken = min(len(use), len(triples) - 1)
-        use = use[(np.arange(taken) * len(use)) // taken]
-        grey, vector = samples.grey[use], samples.vector[use]
-        b, least = least_median(grey, vector, triples[taken])
-        # 1.4826 makes a median of normal errors a deviation; the rest is for few samples (Rousseeuw, Leroy 1987)
-        bound = (2.5 * 1.4826 * (1 + 5 / max(taken - 3, 1))) ** 2 * least
-        excess = bulk_variance(grey, vector, b, bound) - samples.variance[use].mean()
-        found[pixel, :3], found[pixel, 3] = b, excess / squared_length(b)
+
+    def part(first: int, stop: int) -> None:
+        some = slice(first, stop)
+        _starts(value[:, some], variance[:, some], lights, points[some], triples, found[some])
+
+    in_parts(part, len(points), _PART)
     return found
 
 
@@ -201,12 +219,12 @@ def angle_variance(samples: Samples, b: Array, weights: Array) -> float:
 
 
 @njit(cache=True)
-def judge(samples: Samples, start: Array, b: Array, weights: Array) -> int:
+def judge(samples: Samples, begun: Array, b: Array, weights: Array) -> int:
     """What became of a pixel that has samples."""
     bright = len(lit(samples))
     if bright < FEWEST:
         return TOO_FEW
-    if np.isnan(start[0]):
+    if np.isnan(begun[0]):
         return RANK_DEFICIENT
     used = np.count_nonzero(weights)
     if used < FEWEST or 2 * used < bright or not b[2] > 0:
@@ -235,24 +253,42 @@ def albedo(value: Values, samples: Samples, b: Array, weights: Array) -> Array:
     return found
 
 
-@njit(parallel=True, cache=True)
+@njit(cache=True)
+def measure(value: Values, samples: Samples, begun: Array, found: Array) -> int:
+    """Status of one pixel; its `found` (7,) is filled in where that is MEASURED."""
+    if len(samples.grey) == 0:
+        return NO_SAMPLES
+    b, weights = refine(samples, begun[:3], begun[3])
+    status = judge(samples, begun, b, weights)
+    if status == MEASURED:
+        found[:3], found[3] = b, angle_variance(samples, b, weights)
+        found[4:] = albedo(value, samples, b, weights)
+    return status
+
+
+@njit(nogil=True, cache=True)
+def _normals(
+    value: Values, variance: Values, lights: Array, points: Array, begun: Array, found: Array
+) -> NDArray[np.uint8]:
+    status = np.empty(len(points), np.uint8)
+    for pixel in range(len(points)):
+        samples = gather(value[:, pixel], variance[:, pixel], lights, points[pixel])
+        status[pixel] = measure(value[:, pixel], samples, begun[pixel], found[pixel])
+    return status
+
+
 def normals(
-    value: Values, variance: Values, lights: Array, points: Array, start: Array
+    value: Values, variance: Values, lights: Array, points: Array, begun: Array
 ) -> tuple[Array, NDArray[np.uint8]]:
     """Scaled normal, its mean squared angle and the albedo (pixel, 7), NaN where there is none, and status (pixel,).
 
-    `start` (pixel, 4) is what `starts` gave, its last the relative variance that is allowed beyond the noise.
+    `begun` (pixel, 4) is what `starts` gave, its last the relative variance that is allowed beyond the noise.
     """
-    found = np.full((len(points), 7), np.nan)
-    status = np.empty(len(points), np.uint8)
-    for pixel in prange(len(points)):
-        samples = gather(value[:, pixel], variance[:, pixel], lights, points[pixel])
-        if len(samples.grey) == 0:
-            status[pixel] = NO_SAMPLES
-            continue
-        b, weights = refine(samples, start[pixel, :3], start[pixel, 3])
-        status[pixel] = judge(samples, start[pixel], b, weights)
-        if status[pixel] == MEASURED:
-            found[pixel, :3], found[pixel, 3] = b, angle_variance(samples, b, weights)
-            found[pixel, 4:] = albedo(value[:, pixel], samples, b, weights)
+    found, status = np.full((len(points), 7), np.nan), np.empty(len(points), np.uint8)
+
+    def part(first: int, stop: int) -> None:
+        some = slice(first, stop)
+        status[some] = _normals(value[:, some], variance[:, some], lights, points[some], begun[some], found[some])
+
+    in_parts(part, len(points), _PART)
     return found, status

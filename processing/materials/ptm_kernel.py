@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.products.arrays import Float32, Float64
+from processing.threads import in_parts
 
 TOGETHER = 8  # lights whose products are added up at a time
 _TILE = 1024  # values of these lights, widened, are 32 KiB
@@ -64,8 +65,9 @@ def _shortest(functions: Float64, used: NDArray[np.bool_], tolerance: float) -> 
     inverse, rank = np.zeros((size, size)), 0
     for k in range(size):
         if squares[k] > tolerance * tolerance * squares[-1]:
-            axis = np.ascontiguousarray(axes[:, k])
-            inverse += np.outer(axis, axis) / squares[k]
+            for i in range(size):
+                for j in range(size):
+                    inverse[i, j] += axes[i, k] * axes[j, k] / squares[k]
             rank += 1
     return inverse @ kept.T, rank
 
@@ -80,30 +82,44 @@ def _solve_column(values: Float32, used: NDArray[np.bool_], matrix: Float64, out
         out[k] = total
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True)
+def _all_finite(values: Float32) -> bool:
+    for value in values:
+        if not np.isfinite(value):
+            return False
+    return True
+
+
+@numba.njit(nogil=True, cache=True)
+def _solve_run(values: Float32, functions: Float64, tolerance: float, out: Float32, status: NDArray[np.uint8]) -> None:
+    (lights, count), size = values.shape, functions.shape[1]
+    used, finite = np.zeros(lights, np.bool_), np.zeros(lights, np.bool_)
+    matrix, rank = np.zeros((size, lights)), 0
+    for column in range(count):
+        if _all_finite(out[:, column]):
+            continue
+        for light in range(lights):
+            finite[light] = np.isfinite(values[light, column])
+        if not np.array_equal(finite, used):
+            used[:] = finite
+            if used.any():
+                matrix, rank = _shortest(functions, used, tolerance)
+        out[:, column] = 0
+        if not used.any():
+            status[column] = NO_VALUES
+            continue
+        _solve_column(values[:, column], used, matrix, out[:, column])
+        status[column] = FITTED if rank == size else (RANK_DEFICIENT if used.sum() >= size else TOO_FEW)
+
+
 def solve_gaps(values: Float32, functions: Float64, tolerance: float, out: Float32, status: NDArray[np.uint8]) -> None:
     """Solve again those columns of `out` (k, n) that are not finite, from the finite values, and say how in `status`.
 
     A run of values that lack the same lights, as the channels of a pixel mostly do, shares one decomposition.
     """
-    lights, count = values.shape
-    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
-        used = np.zeros(lights, np.bool_)
-        matrix, rank = np.zeros((functions.shape[1], lights)), 0
-        for column in range(chunk * _CHUNK, min((chunk + 1) * _CHUNK, count)):
-            if np.isfinite(out[:, column]).all():
-                continue
-            finite = np.isfinite(values[:, column])
-            if (finite != used).any():
-                used = finite
-                if used.any():
-                    matrix, rank = _shortest(functions, used, tolerance)
-            out[:, column] = 0
-            if not used.any():
-                status[column] = NO_VALUES
-                continue
-            _solve_column(values[:, column], used, matrix, out[:, column])
-            if rank < functions.shape[1]:
-                status[column] = RANK_DEFICIENT if used.sum() >= functions.shape[1] else TOO_FEW
-            else:
-                status[column] = FITTED
+
+    def part(first: int, stop: int) -> None:
+        some = slice(first, stop)
+        _solve_run(values[:, some], functions, tolerance, out[:, some], status[some])
+
+    in_parts(part, values.shape[1], _CHUNK)

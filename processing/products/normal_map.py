@@ -20,7 +20,7 @@ class NormalStatus(IntEnum):
 
     MEASURED = 0  # normal, albedo and variance hold
     NO_SAMPLES = 1  # nothing was measured there: background
-    TOO_FEW = 2  # fewer than three lights reach it
+    TOO_FEW = 2  # fewer than four lights reach it
     RANK_DEFICIENT = 3  # the lights that reach it lie in one plane: a component of the normal is not determined
     INCONSISTENT = 4  # no normal explains what was measured: more shadow or highlight than matt light
 

@@ -267,21 +267,30 @@ def export(
 
 @app.command()
 def rti(
-    source: Annotated[Path, typer.Argument(help="An .lp of photographs and their lights, or the folder it lies in.")],
+    source: Annotated[Path, typer.Argument(help="Folder of photographs, with an .lp of their lights, or that .lp.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")],
     mask: Annotated[Path | None, typer.Option(help="Picture that is not black where the object is.")] = None,
+    chrome: Annotated[
+        Path | None, typer.Option(help="Without .lp: picture that is not black where a chrome sphere is.")
+    ] = None,
+    unequal_lights: Annotated[
+        bool, typer.Option("--unequal-lights", help="Find how strong each light was; the object must be curved.")
+    ] = False,
     linear: Annotated[bool, typer.Option("--linear", help="Counts are in proportion to light, not sRGB.")] = False,
     pixel_mm: Annotated[float, typer.Option(help="Side of a pixel on the object.", min=1e-6)] = 1.0,
 ) -> None:
     """Relight photographs that another camera took under one light after another, and measure normals from them.
 
+    --chrome lies among the photographs of the sphere, which are all pictures of that folder: those of the object, if
+    the sphere stands beside it, or as many others under the same lights, in the same order of names.
     What it needs and writes: docs/relight-your-own-photographs.md
     """
     from service import relighting
+    from service.light_photographs import PhotographFiles
 
     with reported_errors():
-        lines = relighting.relight_photographs(source, out, mask, linear=linear, pixel_m=pixel_mm / 1e3)
-        for line in lines:
+        files = PhotographFiles(source, mask, chrome, linear)
+        for line in relighting.relight_photographs(files, out, pixel_m=pixel_mm / 1e3, unequal_lights=unequal_lights):
             tell(line)
 
 

@@ -28,11 +28,11 @@ from processing.products import LightStack, NormalMap, ReflectanceMaps, Relighta
 from processing.products.arrays import Float64
 from render.picture import save_image
 from service.files import check_folder, filled, replaced
-from service.light_photographs import ENDING, read_photographs
+from service.light_photographs import ENDING, PhotographFiles, read_photographs
 from service.viewing import kind_of
 
 PTM, RTI = ".ptm", ".rti"
-PICTURE, WEB, STACK, NORMALS = "picture.ptm", "web", "light_stack", "normals"
+PICTURE, WEB, STACK, NORMALS, LIGHTS = "picture.ptm", "web", "light_stack", "normals", "lights.lp"
 
 
 def export_product(product: Path, out: Path, *, luminance: bool = False, harmonics: bool = False) -> Iterator[str]:
@@ -58,15 +58,24 @@ def export_product(product: Path, out: Path, *, luminance: bool = False, harmoni
 
 
 def relight_photographs(
-    source: Path, out: Path, mask: Path | None = None, *, linear: bool = False, pixel_m: float = 1e-3
+    files: PhotographFiles, out: Path, *, pixel_m: float = 1e-3, unequal_lights: bool = False
 ) -> Iterator[str]:
-    """Turn a folder of photographs with an .lp into what relighting and shape need, all in the folder `out`.
+    """Turn photographs under known lights into what relighting and shape need, all in the folder `out`.
 
-    A .ptm and a web folder of the photographs themselves, and the products light_stack, which `export_product` takes,
-    and normals. Nothing is written where something is wrong. Raises ImageError.
+    A .ptm and a web folder of the photographs themselves, the list of their lights, and the products light_stack, which
+    `export_product` takes, and normals. With `unequal_lights` all of it is as if the lights were equally strong.
+    Nothing is written where something is wrong. Raises ImageError.
     """
     check_folder(out)
-    photographs = read_photographs(source, mask, linear=linear)
+    if out.resolve() in (files.source.resolve(), files.source.resolve().parent):
+        raise ImageError(f"{out}: the photographs lie there; name another folder for the results.")
+    photographs = read_photographs(files)
+    if files.chrome is not None:
+        yield _about_lights(photographs.lights)
+    if unequal_lights:
+        photographs = photographs.of_equal_lights()
+        weakest, strongest = photographs.strengths.min(), photographs.strengths.max()
+        yield f"the strongest light is {strongest / weakest:.2f} times as strong as the weakest: made equal"
     values, lights = photographs.display_values(), photographs.lights
     fit = fit_ptm(values, lights)
     yield from _about(fit, reproduction_db(fit.image, values, lights), len(lights))
@@ -79,8 +88,14 @@ def relight_photographs(
         stack.save(part / STACK)
         normals.save(part / NORMALS)
         save_image(part / f"{NORMALS}.png", normal_picture(normals))
+        write_lp(part / LIGHTS, list(photographs.names), lights)
     yield f"{out / PICTURE}: for RTI viewers; {WEB}: for web viewers; {STACK}: for `rig export`"
     yield f"{out / NORMALS}.png: normals, x y z as red green blue; {NORMALS}: the product"
+
+
+def _about_lights(lights: Float64) -> str:
+    elevations = np.degrees(np.arcsin(lights[:, 2]))
+    return f"{len(lights)} lights in the chrome sphere, {elevations.min():.0f} to {elevations.max():.0f} deg high"
 
 
 def normal_picture(normals: NormalMap) -> NDArray[np.uint8]:

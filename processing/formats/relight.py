@@ -85,8 +85,10 @@ def read_relight(folder: Path) -> RelightableImage:
         raise ImageError(f"{folder / INFO}: has no planes with scale and bias ({error})") from error
     if count not in (3 + basis.size, 3 * basis.size) or scale.shape != (count,) or bias.shape != (count,):
         raise ImageError(f"{folder / INFO}: {count} planes with {scale.size} scales do not make a {info['type']}")
-    codes = np.concatenate([_plane(folder / f"plane_{n}.jpg") for n in range(count // 3)], axis=-1)
-    return _image(basis, Steps(scale / TOP, -bias * scale).values(codes))
+    planes = [_plane(folder / f"plane_{n}.jpg") for n in range(count // 3)]
+    if len({plane.shape for plane in planes}) > 1:
+        raise ImageError(f"{folder}: its planes are not of one size; copy it again")
+    return _image(basis, Steps(scale / TOP, -bias * scale).values(np.concatenate(planes, axis=-1)))
 
 
 def _image(basis: ResidualBasis, planes: Float32) -> RelightableImage:

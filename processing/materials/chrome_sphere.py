@@ -1,5 +1,6 @@
 """Directions of lights from their highlights on a chrome sphere."""
 
+from collections.abc import Sequence
 from math import pi, sqrt
 
 import numpy as np
@@ -33,29 +34,33 @@ def sphere_of_mask(mask: NDArray[np.bool_]) -> SphereImage:
     return SphereImage(centre, radius, covariance, edge)
 
 
-def light_directions(images: NDArray[np.floating], sphere: SphereImage) -> Float64:
+def light_directions(images: NDArray[np.floating], sphere: SphereImage, names: Sequence[str] = ()) -> Float64:
     """Unit vectors (light, 3) toward distant lights, in the view frame, from images (light, y, x) of a chrome sphere.
 
     The highlight is the largest bright region, its place the centroid of its light, saturated or not. There the
     sphere's normal n halves the angle to the camera, which sees along -z from far away: L = 2 n_z n - z.
-    Raises ImageError where an image shows no highlight.
+    Raises ImageError, with the image's name, where one shows no highlight, or a light behind the sphere.
     """
-    return np.stack([_direction(image, sphere, number) for number, image in enumerate(images)])
+    names = names or [f"image {number}" for number in range(1, len(images) + 1)]
+    return np.stack([_direction(image, sphere, name) for image, name in zip(images, names, strict=True)])
 
 
-def _direction(image: NDArray[np.floating], sphere: SphereImage, number: int) -> Float64:
-    across, along = (highlight_px(image, sphere, number) - sphere.centre_px) / sphere.radius_px
+def _direction(image: NDArray[np.floating], sphere: SphereImage, name: str) -> Float64:
+    across, along = (highlight_px(image, sphere, name) - sphere.centre_px) / sphere.radius_px
     normal = np.array([across, -along, np.sqrt(max(1 - across**2 - along**2, 0.0))])
-    return np.asarray(2 * normal[2] * normal - np.array([0.0, 0.0, 1.0]), np.float64)
+    light = np.asarray(2 * normal[2] * normal - np.array([0.0, 0.0, 1.0]), np.float64)
+    if light[2] <= 0:
+        raise ImageError(f"{name}: the light that the chrome sphere shows lies behind the picture")
+    return light
 
 
-def highlight_px(image: NDArray[np.floating], sphere: SphereImage, number: int = 0) -> Float64:
-    """Column and row of the highlight of an image, whose `number` errors name."""
+def highlight_px(image: NDArray[np.floating], sphere: SphereImage, name: str) -> Float64:
+    """Column and row of the highlight of an image, whose `name` errors tell."""
     row, column = np.ogrid[: image.shape[0], : image.shape[1]]
     inside = np.hypot(column - sphere.centre_px[0], row - sphere.centre_px[1]) < sphere.radius_px
     value = np.where(inside & np.isfinite(image), image, 0.0).astype(np.float64)
     regions, count = ndimage.label(value > _BRIGHT * value.max())
     if count == 0 or value.max() < _LEAST_RISE * np.percentile(value[inside], 90):
-        raise ImageError(f"image {number} of the chrome sphere shows no highlight that stands out")
+        raise ImageError(f"{name}: the chrome sphere shows no highlight that stands out")
     largest = 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
     return np.array(ndimage.center_of_mass(value, regions, largest))[::-1]

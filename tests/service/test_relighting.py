@@ -7,18 +7,21 @@ import pytest
 from PIL import Image
 
 from processing.errors import ImageError
-from processing.formats.light_positions import write_lp
+from processing.formats.light_positions import read_lp, write_lp
 from processing.formats.ptm import read_ptm
 from processing.formats.relight import read_relight
 from processing.formats.rti import read_rti
 from processing.materials.ptm import fit_ptm, reproduction_db
 from processing.products import Btf, LightStack, NormalMap, ReflectanceMaps
 from processing.radiometry.display import linear_of_srgb, srgb8
+from service.light_photographs import PhotographFiles, read_photographs
 from service.relighting import export_product, relight_photographs
+from tests.reference import shapes
 from tests.reference.ptm import board, dome
 
 LIGHTS = dome(24)
 PICTURES = board(LIGHTS, (20, 26), seed=4)
+SIZE = 48
 LINEAR = (linear_of_srgb(PICTURES / np.float32(255)) / np.pi).astype(np.float32)
 
 
@@ -72,7 +75,7 @@ def test_pictures_and_their_lights_are_exported(stack, tmp_path):
     """For other programs: what they read is what would have been fitted."""
     list(export_product(stack, tmp_path / "a.lp"))
     assert len(list(tmp_path.iterdir())) == 25
-    list(relight_photographs(tmp_path, tmp_path / "out"))
+    list(relight_photographs(PhotographFiles(tmp_path), tmp_path / "out"))
     list(export_product(stack, tmp_path / "b.ptm"))
     again, direct = (
         read_ptm(path).evaluate(LIGHTS[5])[3:] for path in (tmp_path / "out/picture.ptm", tmp_path / "b.ptm")
@@ -137,7 +140,9 @@ def test_other_products_are_refused(tmp_path):
 
 
 def test_photographs_become_files_and_a_stack(photographs, tmp_path):
-    lines = list(relight_photographs(photographs, tmp_path / "out", photographs / "mask.tif", pixel_m=1e-4))
+    lines = list(
+        relight_photographs(PhotographFiles(photographs, photographs / "mask.tif"), tmp_path / "out", pixel_m=1e-4)
+    )
     assert "differs from the 24 pictures by" in "\n".join(lines)
     inside = np.zeros((20, 26), bool)
     inside[4:16, 5:20] = True
@@ -148,6 +153,7 @@ def test_photographs_become_files_and_a_stack(photographs, tmp_path):
     assert read_relight(tmp_path / "out" / "web").coefficients.shape == (6, 20, 26, 3)
     stack = LightStack.load(tmp_path / "out" / "light_stack")
     np.testing.assert_allclose(stack.light_directions, LIGHTS, atol=1e-6)
+    np.testing.assert_allclose(read_lp(tmp_path / "out" / "lights.lp")[1], LIGHTS, atol=1e-6)
     known = np.broadcast_to(inside[:, :, None], PICTURES.shape) & (PICTURES < 254)
     assert np.isnan(stack.reflectance_cos[~known]).all()
     np.testing.assert_allclose(stack.reflectance_cos[known], LINEAR[known], rtol=1e-5)
@@ -172,7 +178,7 @@ def test_linear_counts_of_sixteen_bits_are_the_same_light(photographs, tmp_path)
         # Pillow writes no colours of 16 bits; grey ones it does.
         Image.fromarray(picture[..., 1]).save(tmp_path / f"IMG_{number:02d}.png")
     write_lp(tmp_path / "a.lp", [f"IMG_{n:02d}.png" for n in range(24)], LIGHTS)
-    list(relight_photographs(tmp_path / "a.lp", tmp_path / "out", linear=True))
+    list(relight_photographs(PhotographFiles(tmp_path / "a.lp", linear=True), tmp_path / "out"))
     stack = LightStack.load(tmp_path / "out" / "light_stack")
     seen = stack.reflectance_cos[..., 1]
     known = np.isfinite(seen)
@@ -199,5 +205,92 @@ def test_photographs_that_do_not_fit_are_refused(photographs, tmp_path, spoil, s
         (folder / path.name).write_bytes(path.read_bytes())
     spoil(folder)
     with pytest.raises(ImageError, match=said):
-        list(relight_photographs(folder, tmp_path / "out", folder / "mask.tif"))
+        list(relight_photographs(PhotographFiles(folder, folder / "mask.tif"), tmp_path / "out"))
     assert [path.name for path in tmp_path.iterdir()] == ["copy"]
+
+
+def test_results_do_not_go_among_the_photographs(photographs):
+    for source in (photographs, photographs / "dome.lp"):
+        with pytest.raises(ImageError, match="name another folder"):
+            list(relight_photographs(PhotographFiles(source), photographs))
+    assert not (photographs / "lights.lp").exists()
+
+
+@pytest.mark.parametrize("lights", [LIGHTS[:1], np.array([[0.6, 0, 0.8], [0, 0, 1], [-0.6, 0, 0.8], [0.28, 0, 0.96]])])
+def test_too_few_lights_are_told_and_still_make_a_picture(tmp_path, lights):
+    """One light, and four in a plane."""
+    for number in range(len(lights)):
+        Image.fromarray(PICTURES[number]).save(tmp_path / f"{number}.png")
+    write_lp(tmp_path / "a.lp", [f"{number}.png" for number in range(len(lights))], lights)
+    lines = list(relight_photographs(PhotographFiles(tmp_path), tmp_path / "out"))
+    assert lines[0].startswith(f"WARNING: the {len(lights)} lights determine")
+    assert "no normals: four lights or more" in "\n".join(lines)
+
+
+BALL_LIGHTS = dome(8, 0.5)
+STRENGTHS = np.array([1.0, 0.7, 1.2, 0.9, 1.1, 0.8, 1.0, 1.3])
+
+
+@pytest.fixture(scope="module")
+def balls(tmp_path_factory):
+    """A matt ball and a chrome ball side by side under eight lights of unequal strength, and masks of both."""
+    folder = tmp_path_factory.mktemp("balls")
+    _, normal = shapes.ball(SIZE)
+    mirrored = 2 * normal[..., 2:] * normal - [0.0, 0.0, 1.0]
+    for number, (light, strength) in enumerate(zip(BALL_LIGHTS, STRENGTHS, strict=True)):
+        with np.errstate(invalid="ignore"):
+            matt = 0.7 * strength * np.maximum(normal @ light, 0)
+            spot = np.where(mirrored @ light > np.cos(0.15), 1.0, 0.03)
+        picture = srgb8(np.nan_to_num(np.hstack([matt, spot])))
+        Image.fromarray(picture).save(folder / f"photo {number + 3}.png")
+    x, y = shapes.grid(SIZE)
+    disc = np.hypot(x, y) < 0.9
+    for name, parts in (("matt.png", (disc, 0 * disc)), ("chrome.png", (0 * disc, disc))):
+        Image.fromarray(np.hstack(parts).astype(np.uint8) * 255).save(folder / name)
+    return folder
+
+
+def test_lights_and_their_strengths_come_from_the_photographs(balls, tmp_path):
+    """What a person does who has only a chrome ball: the names count as numbers, so that 10 comes after 9."""
+    files = PhotographFiles(balls, balls / "matt.png", balls / "chrome.png")
+    lines = list(relight_photographs(files, tmp_path / "out", unequal_lights=True))
+    assert lines[0].startswith("8 lights in the chrome sphere, ")
+    told = float(re.search(r"strongest light is (\S+) times", lines[1])[1])
+    assert told == pytest.approx(1.3 / 0.7, rel=0.05)
+    stack, normals = LightStack.load(tmp_path / "out" / "light_stack"), NormalMap.load(tmp_path / "out" / "normals")
+    # A pixel is 2.7 deg of reflection in the middle, more outward; the centroid of a spot errs by less.
+    assert (stack.light_directions * BALL_LIGHTS).sum(axis=1).min() > np.cos(np.radians(2.7))
+    truth = shapes.ball(SIZE)[1]
+    where = normals.measured[:, :SIZE] & (truth[..., 2] > 0.5)
+    cosine = (normals.normals[:, :SIZE] * truth).sum(axis=-1)[where]
+    assert np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1))) < 2
+    # The same surface under the strongest and the weakest light is as bright as its normals say.
+    values = [stack.reflectance_cos[n, :, :SIZE, 1][where] / (truth[where] @ BALL_LIGHTS[n]) for n in (7, 1)]
+    assert np.median(values[0]) == pytest.approx(np.median(values[1]), rel=0.03)
+    picture = read_ptm(tmp_path / "out" / "picture.ptm")
+    seen = [picture.evaluate(BALL_LIGHTS[n])[SIZE // 2, SIZE // 2, 1] for n in (7, 1)]
+    expected = [BALL_LIGHTS[n, 2] for n in (7, 1)]
+    ratio = linear_of_srgb(np.array(seen))
+    assert ratio[0] / ratio[1] == pytest.approx(expected[0] / expected[1], rel=0.1)
+
+
+def test_a_chrome_ball_may_have_photographs_of_its_own(balls, tmp_path):
+    ball = tmp_path / "ball"
+    ball.mkdir()
+    for path in balls.iterdir():
+        if path.name != "matt.png":
+            with Image.open(path) as picture:
+                picture.crop((SIZE, 0, 2 * SIZE, SIZE)).save(ball / path.name)
+    (tmp_path / "thing").mkdir()
+    for number in range(8):
+        Image.fromarray(PICTURES[number]).save(tmp_path / "thing" / f"{number}.png")
+    together = read_photographs(PhotographFiles(balls, balls / "matt.png", balls / "chrome.png"))
+    apart = read_photographs(PhotographFiles(tmp_path / "thing", chrome=ball / "chrome.png"))
+    np.testing.assert_allclose(apart.lights, together.lights, atol=1e-9)
+    (tmp_path / "thing" / "7.png").unlink()
+    with pytest.raises(ImageError, match="8 photographs of the chrome sphere, but 7"):
+        read_photographs(PhotographFiles(tmp_path / "thing", chrome=ball / "chrome.png"))
+    with pytest.raises(ImageError, match=r"absent\.png: not there"):
+        read_photographs(PhotographFiles(tmp_path / "thing", chrome=ball / "absent.png"))
+    with pytest.raises(ImageError, match="not a folder"):
+        read_photographs(PhotographFiles(ball / "photo 3.png", chrome=ball / "chrome.png"))

@@ -170,6 +170,13 @@ def test_a_missing_plane_is_named(tmp_path):
         read_relight(tmp_path)
 
 
+def test_planes_of_another_size_are_refused(tmp_path):
+    write_relight(tmp_path, PTM)
+    Image.new("RGB", (8, 9)).save(tmp_path / "plane_2.jpg")
+    with pytest.raises(ImageError, match="not of one size"):
+        read_relight(tmp_path)
+
+
 def test_writers_refuse_other_bases(tmp_path):
     for write, image in ((write_ptm, HSH), (write_rti, PTM), (write_relight, as_lrgb(PTM)), (write_rti, as_lrgb(HSH))):
         with pytest.raises(ImageError):

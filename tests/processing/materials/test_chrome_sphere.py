@@ -44,8 +44,21 @@ def test_what_is_no_sphere_is_refused():
         sphere_of_mask(np.zeros((30, 60), bool))
 
 
-def test_an_image_without_highlight_is_named():
+def test_an_image_without_a_usable_highlight_is_named():
     images, mask = chrome(shapes.dome(3))
     images[1] = 0.02 * mask
-    with pytest.raises(ImageError, match="image 1"):
+    with pytest.raises(ImageError, match=r"image 2: .* no highlight"):
         light_directions(images, sphere_of_mask(mask))
+    with pytest.raises(ImageError, match=r"b\.jpg: .* no highlight"):
+        light_directions(images, sphere_of_mask(mask), ["a.jpg", "b.jpg", "c.jpg"])
+    images, mask = chrome(np.array([[0.9, 0.0, -np.sqrt(0.19)]]))
+    with pytest.raises(ImageError, match=r"image 1: .* behind the picture"):
+        light_directions(images, sphere_of_mask(mask))
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_the_unit_of_brightness_does_not_matter(scale):
+    images, mask = chrome(shapes.dome(3))
+    sphere = sphere_of_mask(mask)
+    found = light_directions((scale * images).astype(np.float32), sphere)
+    np.testing.assert_allclose(found, light_directions(images, sphere), atol=1e-6)

@@ -1,5 +1,7 @@
 """Strengths of lights from the pictures: what was put in comes out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,5 +30,20 @@ def test_strengths_of_a_ball_under_twelve_lights(gloss):
 def test_pictures_that_tell_nothing_are_refused():
     with pytest.raises(ImageError, match="how strong"):
         light_strengths(stack_of(shapes.ball(8), shapes.dome(6), np.zeros(6)))
+    with pytest.raises(ImageError, match="strengths of 5 lights"):
+        light_strengths(stack_of(shapes.ball(8), shapes.dome(5), np.ones(5)))
     with pytest.raises(ImageError, match="flat"):
         light_strengths(stack_of(shapes.hills(12, seed=1, height=0.01), shapes.dome(6), np.ones(6)))
+
+
+def test_unit_and_order_of_lights_do_not_matter():
+    lights, given = shapes.dome(8, lowest_deg=35), np.random.default_rng(3).uniform(0.7, 1.4, 8)
+    stack = stack_of(shapes.ball(16), lights, given)
+    found = light_strengths(stack)
+    np.testing.assert_allclose(light_strengths(divided(stack, np.full(8, 1e5))), found, rtol=1e-3)
+    order = np.random.default_rng(4).permutation(8)
+    turned = replace(
+        stack, reflectance_cos=stack.reflectance_cos[order], variance=stack.variance[order],
+        light_directions=lights[order],
+    )  # fmt: skip
+    np.testing.assert_allclose(light_strengths(turned), found[order], rtol=0.01)

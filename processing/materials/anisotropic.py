@@ -6,7 +6,7 @@ sign has to be chosen.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from processing.materials.measurements import Measurements
 from processing.materials.phong import FitStatus
 from processing.materials.residual import RANK_TOLERANCE, ResidualEquations
 from processing.materials.sample_geometry import SampleGeometry
-from processing.products import AnisotropicPhong, Lobe, ResidualBasis
+from processing.products import AnisotropicPhong, BlinnPhong, Lobe, ResidualBasis
 from processing.products.arrays import Float64
 
 # Of two further parameters chance alone lowers the sum of squares by this much in one of a thousand round materials.
@@ -30,12 +30,14 @@ _START_LOG_RATIO = 0.7  # exponents of 4 to 1
 @dataclass(frozen=True, eq=False)
 class AnisotropicFit:
     """A `lobe` beside the residuals: `AnisotropicPhong`, or `BlinnPhong` where the data shows no anisotropy.
+    `round_lobe` is the best that is round.
 
     `covariance` (9, 9) orders diffuse, specular, the two exponents and the turn, (7, 7) that of a round lobe; `gain` is
     how much less, in units of noise and misfit, the drawn-out lobe leaves over than the round one.
     """
 
     lobe: Lobe
+    round_lobe: BlinnPhong
     covariance: Float64
     gain: float
     status: FitStatus
@@ -74,9 +76,9 @@ def fit_anisotropic_beside_residual(
     Never raises, see `status`.
     """
     joint = fit_phong_beside_residual(measurements, basis, rank_tolerance)
-    round_lobe = AnisotropicFit(joint.lobe.phong, joint.lobe.covariance, 0.0, joint.lobe.status)
+    without = AnisotropicFit(joint.lobe.phong, joint.lobe.phong, joint.lobe.covariance, 0.0, joint.lobe.status)
     if joint.bounds is None or not joint.lobe.phong.specular.any():
-        return round_lobe
+        return without
     low, high = joint.bounds
     reach = (high - low) / 2
     shapes = DrawnShapes([(low, high), (-reach, reach), (-reach, reach)])
@@ -85,8 +87,8 @@ def fit_anisotropic_beside_residual(
     gain = float((Solution.of(joint.equations, shapes, start).cost - best.cost).sum())
     ratio = float(np.exp(2 * np.hypot(best.shape[1], best.shape[2])))
     if gain < _CHANCE or ratio < _SMALLEST_RATIO:
-        return AnisotropicFit(round_lobe.lobe, round_lobe.covariance, gain, round_lobe.status)
-    return _result(best, shapes, gain)
+        return replace(without, gain=gain)
+    return _result(best, shapes, joint.lobe.phong, gain)
 
 
 def _best_of_starts(equations: ResidualEquations, shapes: DrawnShapes, start: Float64) -> Solution:
@@ -98,7 +100,7 @@ def _best_of_starts(equations: ResidualEquations, shapes: DrawnShapes, start: Fl
     return refined(equations, shapes, min(found, key=lambda one: float(one.cost.sum())).shape)
 
 
-def _result(best: Solution, shapes: DrawnShapes, gain: float) -> AnisotropicFit:
+def _result(best: Solution, shapes: DrawnShapes, round_lobe: BlinnPhong, gain: float) -> AnisotropicFit:
     m, p, q = best.shape
     r = float(np.hypot(p, q))
     exponents, turn_rad = np.exp(m + r * np.array([1.0, -1.0])), float(np.arctan2(q, p) / 2)
@@ -109,6 +111,5 @@ def _result(best: Solution, shapes: DrawnShapes, gain: float) -> AnisotropicFit:
     by_shape[8, 6:] = [0, *across]
     covariance, status = parameters(best, shapes)
     k = best.coefficients
-    return AnisotropicFit(
-        AnisotropicPhong(k[0], k[1], exponents, turn_rad), by_shape @ covariance @ by_shape.T, gain, status
-    )
+    lobe = AnisotropicPhong(k[0], k[1], exponents, turn_rad)
+    return AnisotropicFit(lobe, round_lobe, by_shape @ covariance @ by_shape.T, gain, status)

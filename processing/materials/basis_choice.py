@@ -1,8 +1,10 @@
 """Which residual basis a material needs, by how well each says directions that it was not fitted to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,7 @@ from processing.materials.texel_fits import Model, Samples, fit_texels
 from processing.products import Lobe, ResidualBasis
 
 _MOST_SAMPLES = 1 << 16  # per channel: thousands of texels under an arm's lights, ten under all pairs of a BTF
-_CLOSE = 1.02  # errors within 2 % of the least are no reason for a larger texture
+CLOSE = 1.02  # errors within 2 % of the least are no reason for a larger texture
 _GOLDEN = (np.sqrt(5) - 1) / 2
 
 
@@ -33,7 +35,7 @@ class BasisChoice:
 def choose_basis(
     measurements: Measurements,
     lobe: Lobe | None = None,
-    bases: Sequence[ResidualBasis] = tuple(ResidualBasis),
+    bases: Iterable[ResidualBasis] = tuple(ResidualBasis),
     folds: int = 4,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> BasisChoice:
@@ -45,19 +47,30 @@ def choose_basis(
     count = len(measurements.value)
     if count < folds:
         raise ImageError(f"{count} directions cannot be left out in {folds} turns; measure more, or name the basis")
-    texels = max(_MOST_SAMPLES // count, 1)
-    few = measurements.texels(slice(None, None, -(-measurements.value.shape[1] // texels)))
+    few = measurements.thinned(_MOST_SAMPLES)
     fold = np.floor(np.arange(count) * _GOLDEN % 1 * folds)
     errors = {}
     for basis in bases:
         model = Model(lobe, basis, rank_tolerance)
-        sums = np.sum([_left_out(few, fold == turn, model) for turn in range(folds)], axis=0)
+        with _one_thread():
+            sums = np.sum([_left_out(few, fold == turn, model) for turn in range(folds)], axis=0)
         if not sums[1] > 0:
             raise ImageError("no sample is valid: nothing tells the bases apart")
         errors[basis] = float(sums[0] / sums[1])
     least = min(errors.values())
-    close = [basis for basis in bases if errors[basis] <= _CLOSE * least]
+    close = [basis for basis in errors if errors[basis] <= CLOSE * least]
     return BasisChoice(min(close, key=lambda basis: basis.size), errors)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """For hundreds of loops of a millisecond each: threads would wait for each other longer than they work."""
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)
 
 
 def _left_out(measurements: Measurements, out: NDArray[np.bool_], model: Model) -> tuple[float, int]:

@@ -89,6 +89,11 @@ class Measurements:
             self.view if self.view.shape[1] == 1 else self.view[:, chosen],
         )
 
+    def thinned(self, most: int) -> "Measurements":
+        """At most so many samples per channel, or one texel: those of evenly spread texels."""
+        directions, texels = self.value.shape[:2]
+        return self.texels(slice(None, None, max(-(-texels // max(most // max(directions, 1), 1)), 1)))
+
     def misfit_variance(self, error: Float64) -> Float64:
         """`misfit_variance` (3,) of an `error` (direction, texel, 3)."""
         valid = self.valid

@@ -18,7 +18,7 @@ from rig.sessions import Session, SrfPlan
 from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 from service.pipeline.lit_body import read_body, white_card
-from service.pipeline.residual_basis import basis_for
+from service.pipeline.srf_model import model_for
 from service.viewing import SKIN_MESH
 
 PRODUCTS = ("light_stack", "normals", "srf")
@@ -40,8 +40,8 @@ def make_shape(session: Session, calibrations: Calibrations, progress: Progress)
     folders[2].mkdir(parents=True, exist_ok=True)
     save_mesh(folders[2] / SKIN_MESH, surface_mesh(normals, integrate(normals)))
     measured = stack_measurements(stack, normals, np.flatnonzero(normals.measured))
-    basis = basis_for(measured, stack.light_directions, progress)
-    fit_srf_to_stack(stack, normals, basis=basis).srf.save(folders[2])
+    lobe, basis = model_for(measured, stack.light_directions, progress)
+    fit_srf_to_stack(stack, normals, lobe, basis).srf.save(folders[2])
     return folders
 
 

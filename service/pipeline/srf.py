@@ -20,8 +20,8 @@ from rig.sessions import Session, SrfPlan
 from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
 from service.pipeline.lit_body import LitBody, read_body, white_card
-from service.pipeline.residual_basis import basis_for
 from service.pipeline.shape import make_shape
+from service.pipeline.srf_model import model_for
 from service.pipeline.stacks import MergedStack
 
 MAP_SIZE = 256
@@ -57,8 +57,8 @@ def measure_maps(
 
 
 def fit_material(maps: ReflectanceMaps, progress: Progress) -> SrfFit:
-    """The lobe and the residual over it, found together."""
-    return fit_srf(maps, basis=basis_for(sphere_measurements(maps), maps.light_directions, progress))
+    """Lobe and residual, of the kind that the lights can tell."""
+    return fit_srf(maps, *model_for(sphere_measurements(maps), maps.light_directions, progress))
 
 
 def _seen(
@@ -72,11 +72,11 @@ def _seen(
         sight = sight_of_sphere(calibrations.cameras[name], sphere, radius_m)
         return body.photographs(sight.centre_m, sight.rig_from_view, radius_m), sight
     camera = session.config.cameras[name]
-    photographs = body.photographs(np.zeros(3), _map_from_rig(camera).T, radius_m)
+    photographs = body.photographs(np.zeros(3), map_from_rig(camera).T, radius_m)
     return photographs, CircleSight(sphere, camera.distance_mm / 1e3 / radius_m)
 
 
-def _map_from_rig(camera: CameraConfig) -> NDArray[np.float64]:
+def map_from_rig(camera: CameraConfig) -> NDArray[np.float64]:
     """Rig directions in the frame of a camera at azimuth 0 and its elevation."""
     c, s = np.cos(radians(camera.elevation_deg)), np.sin(radians(camera.elevation_deg))
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

@@ -1,5 +1,6 @@
 """A sphere from above under lamps of the arc, and a body that is no sphere: from plan to products, against truth."""
 
+from dataclasses import replace
 from math import degrees
 
 import numpy as np
@@ -7,8 +8,18 @@ import pytest
 
 from processing.cameras.calibration import write_cameras
 from processing.errors import CalibrationError
+from processing.materials.measurements import sphere_measurements
 from processing.materials.sight import sight_of_body
-from processing.products import LightStack, NormalMap, ReflectanceMaps, ResidualBasis, Srf, plane_points
+from processing.products import (
+    AnisotropicPhong,
+    BlinnPhong,
+    LightStack,
+    NormalMap,
+    ReflectanceMaps,
+    ResidualBasis,
+    Srf,
+    plane_points,
+)
 from render.mesh_file import load_mesh
 from rig.config import load_config
 from rig.sessions import Session, parse_plan
@@ -17,7 +28,7 @@ from service.console import ConsoleProgress
 from service.pipeline import process
 from service.pipeline import srf as srf_pipeline
 from service.pipeline.calibrations import CALIBRATION, CAMERAS
-from service.pipeline.residual_basis import basis_for
+from service.pipeline.srf_model import model_for
 from service.pipeline.stacks import stacks
 from service.simulation import Simulation
 from service.truth import srf_errors
@@ -98,6 +109,10 @@ class Notes:
     def __init__(self):
         self.told = []
 
+    def track(self, items, description):
+        self.told.append(description)
+        return iter(items)
+
     def note(self, text):
         self.told.append(text)
 
@@ -106,5 +121,53 @@ class Notes:
 def test_lights_that_tell_no_larger_basis_get_the_papers(lights):
     """Not even tried: there are no measurements to try it on."""
     notes = Notes()
-    assert basis_for(None, lights, notes) is ResidualBasis.HALF
+    assert model_for(None, lights, notes) == (None, ResidualBasis.HALF)
     assert notes.told == []
+
+
+def sphere_in_light(lobe, count, size=16):
+    """Maps of a sphere of one lobe, without noise, under lights from all of the camera's side."""
+    lights = fibonacci_lights(count)
+    shape, distant = (count, size, size, 3), np.full(count, np.inf)
+    variance = np.full(shape, 1e-6, np.float32)
+    empty = ReflectanceMaps(np.zeros(shape, np.float32), variance, lights, distant, np.inf)
+    value = -sphere_measurements(empty).delta(lobe).reshape(shape)
+    return replace(empty, reflectance_cos=value.astype(np.float32))
+
+
+def fibonacci_lights(count):
+    z, azimuth = 1 - (np.arange(count) + 0.5) / count * 0.9, np.arange(count) * np.pi * (3 - np.sqrt(5))
+    return np.stack([np.sqrt(1 - z * z) * np.cos(azimuth), np.sqrt(1 - z * z) * np.sin(azimuth), -z], axis=1)
+
+
+def test_many_lights_show_a_brushed_material_and_it_is_told():
+    brushed = AnisotropicPhong(np.full(3, 0.2), np.full(3, 0.3), np.array([50.0, 12.0]), 0.4)
+    notes = Notes()
+    fit = srf_pipeline.fit_material(sphere_in_light(brushed, 24), notes)
+    np.testing.assert_allclose(fit.srf.phong.exponents, brushed.exponents, rtol=0.02)
+    assert [text.split(":")[0] for text in notes.told] == [
+        "choosing the residual basis",
+        f"residual basis {fit.srf.basis}",
+        "trying an anisotropic lobe",
+        "anisotropic lobe",
+    ]
+
+
+def test_a_black_material_under_many_lights_is_no_error():
+    maps = sphere_in_light(BlinnPhong(np.zeros(3), np.zeros(3), 1.0), 24, size=8)
+    srf = srf_pipeline.fit_material(maps, Notes()).srf
+    assert srf.basis is ResidualBasis.HALF
+    assert not srf.phong.specular.any()
+    assert not np.nan_to_num(srf.residual).any()
+
+
+def test_maps_face_their_camera_however_it_is_tilted(lab):
+    tilts_deg = set()
+    for camera in load_config(lab[0].rig_toml).cameras.values():
+        tilts_deg.add(camera.elevation_deg)
+        c, s = np.cos(np.radians(camera.elevation_deg)), np.sin(np.radians(camera.elevation_deg))
+        lifted = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+        np.testing.assert_allclose(
+            srf_pipeline.map_from_rig(camera) @ lifted, [[0, 1, 0], [0, 0, -1], [-1, 0, 0]], atol=1e-12
+        )
+    assert len(tilts_deg) > 4

@@ -42,25 +42,26 @@ class SrfFit:
     """A fitted SRF and how well it holds.
 
     `rank` and `status` (a `FitStatus`) are uint8, `condition` float32, each (channel, y, x); `lobe` is the fit of the
-    lobe beside the residuals, None where the lobe was given. The mean squared errors
-    and the variance over the directions of a texel are taken over lit valid samples and all channels, in units of
-    `peak` squared, the largest sample: linear values normalised to [0, 1].
+    lobe beside the residuals, None where the lobe was given. `mse_lobe` is what the SRF's own lobe leaves over without
+    its residual: more than the best single lobe (`fit_phong`) would. Mean squared errors and the variance over the
+    directions of a texel are taken over lit valid samples and all channels, in units of `peak` squared, the largest
+    sample: linear values normalised to [0, 1].
     """
 
     srf: Srf
     rank: NDArray[np.uint8]
     condition: Float32
     status: NDArray[np.uint8]
-    mse_phong: float
+    mse_lobe: float
     mse_srf: float
     variance: float
     peak: float
     lobe: PhongFit | None = None
 
     @property
-    def psnr_phong_db(self) -> float:
-        """Peak signal over the error of the lobe alone, in decibels."""
-        return _psnr_db(self.mse_phong)
+    def psnr_lobe_db(self) -> float:
+        """Peak signal over the error of the SRF's lobe without its residual, in decibels."""
+        return _psnr_db(self.mse_lobe)
 
     @property
     def psnr_srf_db(self) -> float:
@@ -68,9 +69,9 @@ class SrfFit:
         return _psnr_db(self.mse_srf)
 
     @property
-    def mse_over_phong(self) -> float:
-        """Error with the residual over that of the lobe alone; 1 where the lobe leaves nothing over."""
-        return self.mse_srf / self.mse_phong if self.mse_phong > 0 else 1.0
+    def mse_over_lobe(self) -> float:
+        """Error with the residual over `mse_lobe`; 1 where the lobe leaves nothing over."""
+        return self.mse_srf / self.mse_lobe if self.mse_lobe > 0 else 1.0
 
     @property
     def mse_over_variance(self) -> float:
@@ -84,7 +85,7 @@ def fit_srf(
     basis: ResidualBasis = ResidualBasis.HALF,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> SrfFit:
-    """Fit lobe and residual to what is measured of a sphere, or the residual to a given lobe.
+    """Fit a round lobe and the residual to what is measured of a sphere, or the residual to a given lobe.
 
     Weighted twice as in `fit_phong`: least squares where the misfit rules, inverse variance where the noise does.
     Raises ImageError where the maps have not three channels.
@@ -101,10 +102,10 @@ def fit_srf_to_btf(
     basis: ResidualBasis = ResidualBasis.HALF,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> SrfFit:
-    """Fit lobe and residual to a BTF, or the residual to a given lobe: every texel over all light and view pairs.
+    """Fit a round lobe and the residual to a BTF, or the residual to a given lobe.
 
-    The samples of a channel count alike. Where all texels have the same pairs, the lobe beside their residuals is that
-    beside the residual of their mean: that is what it is fitted to.
+    Every texel is fitted over all light and view pairs; the samples of a channel count alike. Where all texels have the
+    same pairs, the lobe beside their residuals is that beside the residual of their mean: that is what it is fitted to.
     """
     shape = (btf.shape[2], btf.shape[3])
     take = partial(btf_measurements, btf)
@@ -119,7 +120,7 @@ def fit_srf_to_stack(
     basis: ResidualBasis = ResidualBasis.HALF,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> SrfFit:
-    """Fit lobe and residual to an object of any shape, or the residual to a given lobe, pixel by pixel.
+    """Fit a round lobe and the residual to an object of any shape, or the residual to a given lobe, pixel by pixel.
 
     Pixels without a normal stay NaN. The lobe is fitted to at most `MOST_SAMPLES`, spread over the object.
     Raises ImageError where stack and normals are not of one picture.

@@ -93,10 +93,10 @@ def test_residual_of_an_exact_material_is_recovered_to_the_noise_bound(rng, arm_
 def test_residual_lowers_the_error_and_figures_are_consistent(rng, arm_directions):
     maps, _ = stone(rng, arm_directions)
     fit = fit_srf(maps, LOBE)
-    assert fit.mse_over_phong < 0.1
+    assert fit.mse_over_lobe < 0.1
     assert fit.mse_over_variance < 0.1
     assert fit.psnr_srf_db == pytest.approx(-10 * np.log10(fit.mse_srf))
-    assert fit.psnr_srf_db > fit.psnr_phong_db
+    assert fit.psnr_srf_db > fit.psnr_lobe_db
     assert (fit.status == FitStatus.CONVERGED).all()
 
 
@@ -142,7 +142,7 @@ def test_black_material_has_no_lobe_and_no_residual(arm_directions):
     fit = fit_srf(maps, lobe)
     assert (lobe.diffuse == 0).all()
     assert np.abs(fit.srf.residual).max() == 0
-    assert (fit.mse_srf, fit.mse_over_phong, fit.mse_over_variance) == (0.0, 1.0, 1.0)
+    assert (fit.mse_srf, fit.mse_over_lobe, fit.mse_over_variance) == (0.0, 1.0, 1.0)
 
 
 def test_saturated_highlights_that_are_marked_change_nothing_else(rng, arm_directions):
@@ -176,7 +176,7 @@ def test_any_unit_gives_the_same_srf(decades):
     scaled = maps_of(maps.reflectance_cos.astype(np.float64) * factor, directions, NOISE * factor)
     here, there = fit_srf(maps, LOBE), fit_srf(scaled, BlinnPhong(LOBE.diffuse * factor, LOBE.specular * factor, 40.0))
     np.testing.assert_allclose(there.srf.residual / factor, here.srf.residual, rtol=1e-3, atol=1e-5)
-    np.testing.assert_allclose(there.mse_over_phong, here.mse_over_phong, rtol=1e-3)
+    np.testing.assert_allclose(there.mse_over_lobe, here.mse_over_lobe, rtol=1e-3)
 
 
 def test_noisier_samples_count_less(rng, arm_directions):
@@ -218,7 +218,7 @@ def test_a_btf_determines_all_three_components_without_a_turn(rng, hemisphere):
     assert (fit.rank == 3).all()
     assert fit.srf.wrap
     np.testing.assert_allclose(np.moveaxis(fit.srf.residual, 0, 2), s, atol=1e-5)
-    assert fit.mse_over_phong < 1e-6
+    assert fit.mse_over_lobe < 1e-6
 
 
 def test_the_lobe_of_a_btf_is_that_of_its_mean(rng, hemisphere):
@@ -274,7 +274,7 @@ def test_more_functions_leave_less_over(rng, hemisphere, basis):
     btf.reflectance[:] += (0.01 * rng.normal(size=btf.shape)).astype(np.float32)
     fit = fit_srf_to_btf(btf, LOBE, basis)
     assert fit.srf.residual.shape[-1] == basis.size
-    assert fit.mse_srf < fit.mse_phong
+    assert fit.mse_srf < fit.mse_lobe
     if basis is ResidualBasis.HALF_LIGHT:
         assert fit.mse_srf <= fit_srf_to_btf(btf, LOBE).mse_srf
 

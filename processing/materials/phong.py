@@ -84,11 +84,11 @@ class PhongFit:
         return self
 
 
-def fit_blinn_phong(samples: LobeSamples, exponent_bounds: tuple[float, float] | None = None) -> PhongFit:
+def fit_blinn_phong(samples: LobeSamples) -> PhongFit:
     """Weighted least squares with k_d, k_s >= 0 per channel and one exponent n for all channels.
 
-    The values are scaled to order one first, so any unit gives the same lobe. Without `exponent_bounds` those of
-    `sampled_exponents` hold. Never raises; see `PhongFit.status`.
+    The values are scaled to order one first, so any unit gives the same lobe; n stays within
+    `sampled_exponents`. Never raises; see `PhongFit.status`.
     """
     weights = samples.weights()
     counts, any_channel = _counts(weights)
@@ -102,7 +102,7 @@ def fit_blinn_phong(samples: LobeSamples, exponent_bounds: tuple[float, float] |
     cos_light = np.where(any_channel, samples.cos_light, 0.0)
     cos_half = np.clip(np.where(any_channel, samples.cos_half, 0.0), 0.0, 1.0)
     problem = _Problem(value, weights, cos_light, cos_half, counts)
-    bounds = exponent_bounds or sampled_exponents(cos_half[any_channel])
+    bounds = sampled_exponents(cos_half[any_channel])
     return _finish(problem, problem.exponent(bounds), samples, scale, bounds)
 
 

@@ -84,7 +84,10 @@ def _card_pixels(
     low, high = np.ceil(seen_px.min(axis=0)).astype(int), np.floor(seen_px.max(axis=0)).astype(int)
     height, width = photographs.radiance.shape[1:]
     if (high - low < 2).any() or (low < 0).any() or high[0] >= width or high[1] >= height:
-        raise ImageError(f"the white card would cover columns {low[0]} to {high[0]}, rows {low[1]} to {high[1]}")
+        raise ImageError(
+            f"the white card would cover columns {low[0]} to {high[0]} and rows {low[1]} to {high[1]} of a picture of "
+            f"{width} x {height}; check place and size of the card in the plan"
+        )
     rows, columns = (axis.ravel() for axis in np.mgrid[low[1] : high[1] + 1, low[0] : high[0] + 1])
     # Over so small a part of the image the lens's distortion is the same everywhere: a homography.
     plane_from_image = cv2.getPerspectiveTransform(seen_px.astype(np.float32), corners[:, :2].astype(np.float32))

@@ -24,7 +24,7 @@ def fit(delta, basis, weights, rank_tolerance):
     return found, rank, condition
 
 
-def products(columns, basis, value, weights):
+def products(columns, basis, value, weights, rank_tolerance):
     """Inner products (c + 1, c + 1) of columns (c, direction) and value (direction,), those less their best residual.
 
     `basis` is (direction, k), of full rank or less.
@@ -32,5 +32,5 @@ def products(columns, basis, value, weights):
     root = np.sqrt(weights)
     rows = np.concatenate([columns, value[None]]) * root
     system = basis * root[:, None]
-    left = rows - (system @ np.linalg.pinv(system) @ rows.T).T
+    left = rows - (system @ np.linalg.pinv(system, rcond=rank_tolerance) @ rows.T).T
     return rows @ rows.T, left @ left.T

@@ -18,7 +18,7 @@ def drape_product(product: Path, mesh: str, out: Path, repeats: float, size: int
     """Make the SRF of `product` over a mesh, by file or by name, into the folder `out`; returns what was done.
 
     `repeats` is how many widths of the sample go into the mesh's longest side. An earlier skin in `out` stays until the
-    new one is there. Raises ImageError and MeshError.
+    new one is there. Raises ImageError and MeshError, NotADirectoryError where `out` is a file.
     """
     if is_skin(product):
         raise ImageError(f"{product}: a skin for one mesh; drape the SRF that it was made from")

@@ -57,3 +57,18 @@ def test_half_vectors_are_seen_from_above(hemisphere):
     """The materials of these tests have H over the whole upper cap, so that no basis is singular."""
     half = half_vectors(hemisphere, np.array([0.0, 0.0, 1.0]))
     assert np.linalg.svd(half, compute_uv=False)[2] > 1
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_any_unit_gives_the_same_choice(rng, hemisphere, factor):
+    measured = material(rng, hemisphere, ResidualBasis.HALF)
+    scaled = Measurements(
+        (measured.value * factor).astype(np.float32),
+        (measured.variance * factor**2).astype(np.float32),
+        measured.light,
+        measured.view,
+    )
+    bases = (ResidualBasis.HALF, ResidualBasis.HALF_LIGHT)
+    here, there = (choose_basis(one, None, bases) for one in (measured, scaled))
+    assert there.basis == here.basis
+    np.testing.assert_allclose([there.errors[b] / factor**2 for b in bases], [here.errors[b] for b in bases], rtol=1e-3)

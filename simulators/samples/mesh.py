@@ -80,7 +80,7 @@ class MeshSample:
     def _embree(self) -> tuple[Any, Any]:
         """Embree's scene, and its mesh, which must live as long."""
         scene = EmbreeScene()
-        return scene, TriangleMesh(scene, self.mesh.vertices[self.mesh.faces].astype(np.float32))
+        return scene, TriangleMesh(scene, self.mesh.vertices.astype(np.float32), self.mesh.faces.astype(np.int32))
 
     def trace(self, starts: Array, ways: Array) -> Hits:
         """First hits on the ways (n, 3) from points (n, 3) outside the bodies.

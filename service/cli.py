@@ -4,6 +4,7 @@ What computes, draws or serves is imported by the subcommand that needs it: `rig
 """
 
 import json
+import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +20,9 @@ from service.capture import capture as run_capture
 from service.capture import resume as run_resume
 from service.console import EXIT_EPILOG, SAFE, ConsoleProgress, ask_operator, console, reported_errors, tell
 from service.simulation import Simulation, mount_at
+
+# Threads of compiled loops that wait for work sleep instead of spinning: on a busy machine these are much faster so.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 app = typer.Typer(
     help="Drive a capture rig, turn its frames into materials, look at them. Start with: **rig demo**",

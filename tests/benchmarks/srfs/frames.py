@@ -57,7 +57,7 @@ def frame_times(renderer: GlRenderer, mesh: Mesh, quick: bool) -> list[dict[str,
     materials["SRF half, drawn out"] = rough(ResidualBasis.HALF, DRAWN_OUT)
     scenes = {name: Scene(mesh, material, camera, lights) for name, material in materials.items()}
     seconds: dict[str, list[float]] = {name: [] for name in scenes}
-    for _ in range(WARM + (9 if quick else 40)):
+    for _ in range(WARM + (5 if quick else 40)):
         for name, scene in scenes.items():
             begun_s = time.perf_counter()
             renderer.draw_unread(scene)

@@ -22,7 +22,7 @@ SIZE = 64  # texels of three pixels: what a texel shows is what its camera can t
 
 
 def run(*, quick: bool) -> Result:
-    """Three rigs; quick one of them, from above every second material and nothing at 50 deg."""
+    """Three rigs; quick one of them, from above the stone and nothing at 50 deg."""
     found, maps, hard = [], [], []
     for number, (seed, material, camera, lights) in enumerate(_quick() if quick else _all()):
         shots = SphereShots(seed, material, camera, lights)
@@ -43,7 +43,7 @@ def _all():
 
 
 def _quick():
-    return [(1, m, "front", ARM[::2]) for m in MATERIALS] + [(1, m, "cam7", DOME[::2]) for m in MATERIALS[::3]]
+    return [(1, m, "front", ARM[::2]) for m in MATERIALS] + [(1, "sphere", "cam7", DOME[::2])]
 
 
 def circle_errors(shots: SphereShots) -> dict[str, object]:

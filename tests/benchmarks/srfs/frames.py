@@ -106,7 +106,7 @@ def environment_errors(renderer: GlRenderer, height: int) -> list[dict[str, obje
             error = (picture.radiance - full.radiance)[full.mask]
             rows.append({"method": f"environment, {name}", "parameter": "lights for an environment", "value": count,
                          "error": float(np.sqrt(np.mean(error**2)) / full.radiance[full.mask].mean()),
-                         "unit": "of the mean"})  # fmt: skip
+                         "unit": "shares of the mean"})  # fmt: skip
     return rows
 
 

@@ -51,13 +51,9 @@ def _scenes(*, quick: bool) -> Iterator[Scene]:
     """Boards under domes that reach low or not, pictures of noise, and photographs where they are."""
     size = (90, 120) if quick else (300, 400)
     for seed in (11,) if quick else (11, 12, 13):
-        for lowest in (0.3, 0.05):
+        for height, lowest in (("high", 0.3), ("low", 0.05)):
             lights = dome(LIGHTS, lowest)
-            yield (
-                f"board {seed}, lights over {np.degrees(np.arcsin(lowest)):.0f} deg",
-                board(lights, size, seed),
-                lights,
-            )
+            yield f"board {seed}, {height} lights", board(lights, size, seed), lights
     noise = np.random.default_rng(5).integers(0, 256, (LIGHTS, *size, 3), dtype=np.uint8)
     yield "noise", noise, dome(LIGHTS)
     yield from _photographs()
@@ -69,7 +65,7 @@ def _photographs() -> Iterator[Scene]:
     if (folder / "lights.txt").is_file():
         lights = np.loadtxt(folder / "lights.txt", skiprows=1)
         pictures = np.stack([read_picture(folder / "cat" / f"cat.{n}.tga") for n in range(len(lights))])
-        yield "cat (photographs)", pictures, lights / np.linalg.norm(lights, axis=1, keepdims=True)
+        yield "cat", pictures, lights / np.linalg.norm(lights, axis=1, keepdims=True)
 
 
 def _speed(pixels: float, runs: int) -> list[dict[str, object]]:
@@ -107,7 +103,7 @@ def _exactness(scene: Scene, name: str) -> dict[str, object]:
     found = fit_ptm(values, lights, BASES[name]).image.coefficients.reshape(expected.shape)
     deviation = np.abs(found - expected) / np.abs(expected).max()
     return {"method": f"{name} fit", "parameter": "deviation from least squares", "value": told,
-            "unit": "over the peak", "error": float(deviation.max()), "median": float(np.median(deviation)),
+            "unit": "shares of the peak", "error": float(deviation.max()), "median": float(np.median(deviation)),
             "p95": float(np.percentile(deviation, 95))}  # fmt: skip
 
 

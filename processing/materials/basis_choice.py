@@ -55,7 +55,7 @@ def choose_basis(
         with _one_thread():
             sums = np.sum([_left_out(few, fold == turn, model) for turn in range(folds)], axis=0)
         if not sums[1] > 0:
-            raise ImageError("no sample is valid: nothing tells the bases apart")
+            raise ImageError("no sample is lit and measured: nothing tells the bases apart; check lamps and exposures")
         errors[basis] = float(sums[0] / sums[1])
     least = min(errors.values())
     close = [basis for basis in errors if errors[basis] <= CLOSE * least]

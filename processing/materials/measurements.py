@@ -20,6 +20,7 @@ from processing.products import (
     tangent_frames,
 )
 from processing.products.arrays import Float32, Float64
+from processing.products.directions import falloff
 
 _UNKNOWN = 1e-30  # a variance beside which any misfit is large: samples of a channel then count alike
 
@@ -160,7 +161,8 @@ def stack_measurements(stack: LightStack, normals: NormalMap, texels: NDArray[np
     points = points.reshape(-1, 3)[texels]
     frames = view_frames(normals.normals.reshape(-1, 3)[texels].astype(np.float64))
     value, variance = (array.reshape(lights, -1, 3)[:, texels] for array in (stack.reflectance_cos, stack.variance))
-    farther = _falloff(points, stack.light_directions, stack.light_distances_m)
+    places = zip(stack.light_directions, stack.light_distances_m, strict=True)
+    farther = np.stack([falloff(points, direction, distance_m) for direction, distance_m in places])
     return Measurements(
         (value / farther[..., None]).astype(np.float32),
         (variance / farther[..., None] ** 2).astype(np.float32),
@@ -173,14 +175,6 @@ def view_frames(normal: Float64) -> Float64:
     """Rows t, b, n (..., 3, 3) of `tangent_frames` for normals in a view frame: x right, y up, z toward the camera."""
     turned = np.array([1.0, -1.0, -1.0])
     return np.asarray(tangent_frames(normal * turned) * turned, np.float64)
-
-
-def _falloff(points: Float64, directions: Float64, distances: Float64) -> Float64:
-    """Irradiance at normal incidence at points (n, 3) over that at the origin, (light, n)."""
-    near = np.isfinite(distances)
-    places = directions * np.where(near, distances, 1.0)[:, None]
-    squared = ((places[:, None] - points) ** 2).sum(axis=-1)
-    return np.asarray(np.where(near[:, None], np.where(near, distances, 1.0)[:, None] ** 2 / squared, 1.0), np.float64)
 
 
 def _pairs(btf: Btf) -> tuple[Float64, Float64]:

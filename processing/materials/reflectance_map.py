@@ -6,6 +6,7 @@ from processing.materials.photographs import BodyPhotographs
 from processing.materials.sight import Sight
 from processing.products import Provenance, ReflectanceMaps, normals_of, sphere_normals
 from processing.products.arrays import Float64
+from processing.products.directions import falloff
 
 
 def reflectance_maps(
@@ -25,7 +26,8 @@ def reflectance_maps(
     shape = (len(photographs.radiance), size, size, 3)
     value, variance = np.empty(shape, np.float32), np.empty(shape, np.float32)
     points = _texel_points(sight, size)
-    closeness = _closeness(photographs, size)
+    lights = zip(photographs.light_directions, photographs.light_distances, strict=True)
+    closeness = np.stack([falloff(sphere_normals(size), direction, distance) for direction, distance in lights])
     for channel in range(3):
         radiance, noise = photographs.sampled(points, channel)
         scale = irradiance[:, channel, None, None] * closeness
@@ -39,17 +41,6 @@ def reflectance_maps(
         sight.view_distance,
         provenance or Provenance(),
     )
-
-
-def _closeness(photographs: BodyPhotographs, size: int) -> Float64:
-    """Squared ratio of the centre's distance from each light to that of each texel's point, (light, q, p)."""
-    normal = sphere_normals(size)
-    ratios = np.ones((len(photographs.light_directions), size, size))
-    for light, distance in enumerate(photographs.light_distances):
-        if np.isfinite(distance):
-            way = photographs.light_directions[light] * distance - normal
-            ratios[light] = distance**2 / (way * way).sum(axis=-1)
-    return ratios
 
 
 def _texel_points(sight: Sight, size: int) -> Float64:

@@ -10,6 +10,7 @@ from processing.errors import ImageError
 from processing.materials.photographs import BodyPhotographs
 from processing.materials.sight import Sight
 from processing.products.arrays import Float64
+from processing.products.directions import falloff, toward
 
 _MARGIN = 0.12  # share of the card's sides that is left out, for its blurred edge
 _LEAST_LIT_SHARE = 0.25
@@ -102,14 +103,9 @@ def _card_light(
 ) -> tuple[Float64, Float64, NDArray[np.bool_]]:
     """Cosine of incidence, squared ratio of the centre's distance to the point's, and whether the light gets there."""
     direction, distance = photographs.light_directions[light], photographs.light_distances[light]
-    if np.isinf(distance):
-        toward, closeness = np.broadcast_to(direction, points.shape), np.ones(len(points))
-    else:
-        way = direction * distance - points
-        closeness = distance**2 / (way * way).sum(axis=1)
-        toward = way / np.linalg.norm(way, axis=1, keepdims=True)
-    along = (points * toward).sum(axis=1)
+    way = toward(points, direction, distance)
+    along = (points * way).sum(axis=1)
     past = np.sqrt(np.maximum((points * points).sum(axis=1) - along**2, 0.0))
     shadowed = (along < 0) & (past < _PENUMBRA)
-    cosine = -toward[:, 2]
-    return cosine, closeness, ~shadowed & (cosine > _LEAST_COSINE)
+    cosine = -way[:, 2]
+    return cosine, falloff(points, direction, distance), ~shadowed & (cosine > _LEAST_COSINE)

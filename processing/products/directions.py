@@ -86,3 +86,11 @@ def toward(points: Float64, direction: Float64, distance: float) -> Float64:
         return np.broadcast_to(np.asarray(direction, np.float64), points.shape).copy()
     vector = direction * distance - points
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True), np.float64)
+
+
+def falloff(points: Float64, direction: Float64, distance: float) -> Float64:
+    """Irradiance at normal incidence at points (..., 3) over that at the origin, (...); arguments as in `toward`."""
+    if np.isinf(distance):
+        return np.ones(points.shape[:-1])
+    way = direction * distance - points
+    return np.asarray(distance**2 / (way * way).sum(axis=-1), np.float64)

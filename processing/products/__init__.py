@@ -4,6 +4,7 @@ from processing.products.blinn_phong import AnisotropicPhong, BlinnPhong, Lobe, 
 from processing.products.btf import Btf, StoredBtf
 from processing.products.directions import DirectionMesh
 from processing.products.factored_btf import FactoredBtf
+from processing.products.lafortune import LafortuneTexels
 from processing.products.light_stack import LightStack, plane_points
 from processing.products.mdf import Mdf, unpack8
 from processing.products.normal_map import NormalMap, NormalStatus
@@ -11,6 +12,7 @@ from processing.products.provenance import Provenance
 from processing.products.reflectance_maps import ReflectanceMaps
 from processing.products.relightable_image import RelightableImage
 from processing.products.residual_basis import ResidualBasis
+from processing.products.sbrdf_plus import SbrdfPlus
 from processing.products.sphere import normals_of, sphere_normals, sphere_uv, tangent_frames
 from processing.products.srf import Srf
 from processing.products.texture import bilinear_taps
@@ -21,6 +23,7 @@ __all__ = [
     "Btf",
     "DirectionMesh",
     "FactoredBtf",
+    "LafortuneTexels",
     "LightStack",
     "Lobe",
     "Mdf",
@@ -30,6 +33,7 @@ __all__ = [
     "ReflectanceMaps",
     "RelightableImage",
     "ResidualBasis",
+    "SbrdfPlus",
     "Srf",
     "StoredBtf",
     "bilinear_taps",

@@ -1,0 +1,1 @@
+"""Analysis of a BTF into lobes, shadows, shifts and hidden clusters (Chen et al.: SBRDF+)."""

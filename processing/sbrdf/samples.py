@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from processing.products.arrays import Float32, Float64
 from processing.svd import BtfRows
@@ -71,9 +72,9 @@ class Samples:
 
     def seen_from(self, view: int) -> Float32:
         """What one view sees under every light, (light, y, x, channel)."""
-        return self._scaled(self.btf.seen_from(view), self.view_directions[view, 2] > 0)
+        return self._scaled(self.btf.seen_from(view), bool(self.view_directions[view, 2] > 0))
 
-    def _scaled(self, reflectance: Float32, above: Any) -> Float32:
+    def _scaled(self, reflectance: Float32, above: NDArray[np.bool_] | bool) -> Float32:
         """Times the cosine, lights first in `reflectance`."""
         cosine = self.light_directions[:, 2].reshape(-1, *[1] * (reflectance.ndim - 1))
         factor = np.where(above & (cosine > 0), cosine / self.scale, np.nan).astype(np.float32)

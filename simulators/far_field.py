@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from simulators.samples.peanut import peanut_mesh
 from simulators.samples.pipe import pipe_mesh
 from simulators.samples.relief import Relief, ReliefSample
 from simulators.samples.weave import weave_mesh
-from simulators.scene import Floats, Hits, Sample
+from simulators.scene import Floats, Hits, Mask, Sample
 
 # 80.8 deg: on a way down to the samples' depth of 4 mm a ray goes 25 mm aside. Half a period more of the sample lies
 # around the period that is looked at.
@@ -71,23 +72,60 @@ def btf_below(
     one through the texel's middle: radiance over the light's irradiance on a level plane, shadows inside, single
     scattering. Raises ValueError for another sample and lower directions.
     """
+    body, period_m = one_period(sample, seed, directions)
+    places = ray_places(texels, rays_per_texel, period_m)
     lights, views = directions
-    if sample not in SAMPLES:
-        raise ValueError(f"{sample!r} is not periodic: one of {', '.join(SAMPLES)}")
-    if min(lights[:, 2].min(), views[:, 2].min()) < LOWEST_COSINE:
-        raise ValueError(f"a light or view is lower than 80 deg from the normal: z is under {LOWEST_COSINE}")
-    body, period_m = SAMPLES[sample](seed)
-    places = _places(texels, rays_per_texel, period_m)
     out = np.empty((len(lights), len(views), texels, texels, 3), np.float32)
     for v, view in enumerate(views):
-        starts = _above(places, view, depth_m, period_m)
-        hits = body.trace(starts, np.broadcast_to(-view * period_m, starts.shape))
-        hits.points[:, :2] -= period_m * np.round(hits.points[:, :2] / period_m)  # there the same is seen
+        hits = first_hits((body, period_m), places, view, depth_m)
         for n, light in enumerate(lights):
-            seen = np.zeros((len(starts), 3), np.float32)
-            seen[hits.ray] = _reflected(body, hits, light, view)
+            seen = np.zeros((len(places), 3), np.float32)
+            seen[hits.ray] = reflected(hits, lit(body, hits, light), light, view)
             out[n, v] = seen.reshape(texels, texels, rays_per_texel, 3).mean(axis=2)
     return out
+
+
+def one_period(sample: str, seed: int, directions: tuple[Array, Array]) -> tuple[Sample, float]:
+    """The sample with half a period around the middle one, and the period in metres.
+
+    Raises ValueError for another sample and for lights or views (n, 3) that are too low.
+    """
+    if sample not in SAMPLES:
+        raise ValueError(f"{sample!r} is not periodic: one of {', '.join(SAMPLES)}")
+    if min(ways[:, 2].min() for ways in directions) < LOWEST_COSINE:
+        raise ValueError(f"a light or view is lower than 80 deg from the normal: z is under {LOWEST_COSINE}")
+    return _built(sample, seed)
+
+
+@lru_cache(maxsize=4)
+def _built(sample: str, seed: int) -> tuple[Sample, float]:
+    return SAMPLES[sample](seed)
+
+
+def first_hits(sample: tuple[Sample, float], places: Array, view: Array, depth_m: float) -> Hits:
+    """What a view (3,) sees in places (n, 3) of the plane z = 0, which stand for those depth_m under them.
+
+    The points lie in the middle period.
+    """
+    body, period_m = sample
+    starts = _above(places, view, depth_m, period_m)
+    hits = body.trace(starts, np.broadcast_to(-view * period_m, starts.shape))
+    hits.points[:, :2] -= period_m * np.round(hits.points[:, :2] / period_m)  # there the same is seen
+    return hits
+
+
+def lit(body: Sample, hits: Hits, light: Array) -> Mask:
+    """Which hits (n,) face a distant light (3,) and are reached by it."""
+    starts = hits.points + body.offset_m * hits.normals
+    visible: Mask = hits.normals @ light > 0
+    ways = -starts[visible, 2:] / light[2] * light  # nothing stands above z = 0
+    visible[visible] = ~body.blocks(starts[visible], ways)
+    return visible
+
+
+def reflected(hits: Hits, visible: Mask, light: Array, view: Array) -> Floats:
+    """Reflectance (n, 3) toward the view, 1/sr of the reference plane: 0 where not `visible`."""
+    return radiance(hits, visible, FAR_M * light, FAR_M * view, FAR_M) / np.float32(light[2])
 
 
 def _above(places: Array, view: Array, depth_m: float, period_m: float) -> Array:
@@ -99,17 +137,8 @@ def _above(places: Array, view: Array, depth_m: float, period_m: float) -> Array
     return starts
 
 
-def _reflected(body: Sample, hits: Hits, light: Array, view: Array) -> Floats:
-    """Radiance (n, 3) toward the view under unit irradiance on the reference plane."""
-    starts = hits.points + body.offset_m * hits.normals
-    visible = hits.normals @ light > 0
-    ways = -starts[visible, 2:] / light[2] * light  # nothing stands above z = 0
-    visible[visible] = ~body.blocks(starts[visible], ways)
-    return radiance(hits, visible, FAR_M * light, FAR_M * view, FAR_M) / np.float32(light[2])
-
-
-def _places(texels: int, rays: int, period_m: float) -> Array:
-    """Points (texels^2 * rays, 3) of the plane z = 0, texel by texel."""
+def ray_places(texels: int, rays: int, period_m: float) -> Array:
+    """Points (texels^2 * rays, 3) of the plane z = 0, texel by texel, the first of each in its middle."""
     golden = 1.32471795724474602596  # the root of x^3 = x + 1
     inside = (0.5 + np.arange(rays)[:, None] / golden ** np.array([1, 2])) % 1
     row, column, ray = np.meshgrid(np.arange(texels), np.arange(texels), np.arange(rays), indexing="ij")

@@ -5,6 +5,7 @@ were collected below full well, read noise of each exposure. Fits see the noisy 
 ones.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -130,9 +131,14 @@ def far_btf(sample: str, texels: int, rays: int, every: int, seed: int) -> Sampl
 
 def bonn_directions() -> Array:
     """81 directions (81, 3), those of the BTFs of the University of Bonn (Sattler, Sarlette and Klein 2003)."""
-    rings = ((0, 1), (15, 6), (30, 12), (45, 18), (60, 20), (75, 24))
+    return rings(((0, 1), (15, 6), (30, 12), (45, 18), (60, 20), (75, 24)))
+
+
+def rings(polar_deg_and_count: Sequence[tuple[float, int]]) -> Array:
+    """Unit vectors (n, 3): so many, evenly spread, at each polar angle."""
     return np.stack([
-        direction(2 * np.pi * step / count, np.radians(90.0 - polar)) for polar, count in rings for step in range(count)
+        direction(2 * np.pi * step / count, np.radians(90.0 - polar))
+        for polar, count in polar_deg_and_count for step in range(count)
     ])  # fmt: skip
 
 

@@ -85,11 +85,10 @@ def _shares(points: NDArray[np.int_], count: int) -> NDArray[np.intp]:
         return points.astype(np.intp)
     hidden = points > 0
     if hidden.sum() >= count:
-        shares = np.zeros(len(points), np.intp)
-        shares[np.argsort(-points, kind="stable")[:count]] = 1
-        return shares
+        most = np.argsort(-points, kind="stable")[:count]
+        return np.isin(np.arange(len(points)), most).astype(np.intp)
     exact = points * (count / points.sum())
-    shares = np.maximum(np.floor(exact), hidden).astype(np.intp)
+    shares: NDArray[np.intp] = np.maximum(np.floor(exact), hidden).astype(np.intp)
     left = count - int(shares.sum())
     while left < 0:  # what the smallest views have above their part is taken from the others, the best served first
         shares[np.where(shares > 1, exact - shares, np.inf).argmin()] -= 1

@@ -1,5 +1,7 @@
 """Clusters of hidden points: shares of the views, missing values, k-means against its plain form."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -66,7 +68,7 @@ def test_views_share_in_proportion(seed, count, share):
     assert (used(clusters, mask) <= points).all()
     if count >= (points > 0).sum():
         own = [clusters.index[v][mask[v]] for v in range(VIEWS) if points[v]]
-        assert all(a.max() < b.min() for a, b in zip(own, own[1:], strict=False))
+        assert all(a.max() < b.min() for a, b in pairwise(own))
         exact = points * count / max(points.sum(), 1)
         most = np.minimum(np.maximum(np.ceil(exact), 1), points)
         assert (used(clusters, mask) <= most).all()

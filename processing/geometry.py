@@ -113,13 +113,13 @@ def intersect_plane(origin_m: ArrayLike, directions: Array, normal: ArrayLike, o
     return np.asarray(origin + distance_m[..., None] * directions)
 
 
-def texel_corners(texels: int, side_m: float) -> Array:
-    """Corners (n + 1, n + 1, 3) of the texels in the sample frame; row 0 lies at +Y."""
+def texel_corners(texels: int, side_m: float, z_m: float = 0.0) -> Array:
+    """Corners (n + 1, n + 1, 3) of the texels at a height of the sample frame; row 0 lies at +Y."""
     edge = (np.arange(texels + 1) / texels - 0.5) * side_m
-    return np.stack([*np.meshgrid(edge, -edge), np.zeros((texels + 1, texels + 1))], axis=-1)
+    return np.stack([*np.meshgrid(edge, -edge), np.full((texels + 1, texels + 1), z_m)], axis=-1)
 
 
-def texel_grid(texels: int, side_m: float) -> Array:
-    """Centres (n, n, 3) of n x n texels over the sample square, sample frame, z = 0; row 0 lies at +Y."""
+def texel_grid(texels: int, side_m: float, z_m: float = 0.0) -> Array:
+    """Centres (n, n, 3) of n x n texels over the sample square at a height of the sample frame; row 0 lies at +Y."""
     centre = ((np.arange(texels) + 0.5) / texels - 0.5) * side_m
-    return np.stack([*np.meshgrid(centre, -centre), np.zeros((texels, texels))], axis=-1)
+    return np.stack([*np.meshgrid(centre, -centre), np.full((texels, texels), z_m)], axis=-1)

@@ -21,7 +21,7 @@ from processing.products.sphere import gradient_grid
 from processing.radiometry.hdr import PixelStatus
 from rig.config import RigConfig
 from rig.sessions import MdfPlan, Session, SrfPlan, Step
-from service.pipeline.btf import btf_layout
+from service.pipeline.btf import btf_layout, texels_of
 from service.pipeline.calibrations import CALIBRATION, Calibrations
 from service.pipeline.stacks import MergedStack, only_lamp, stacks
 from service.simulation import Simulation
@@ -168,12 +168,12 @@ class BtfErrors:
 def btf_errors(session: Session, calibrations: Calibrations, simulation: Simulation) -> BtfErrors:
     """Compare with the true reflectance of every light and view pair."""
     btf, factored = Btf.load(session.products / "btf"), FactoredBtf.load(session.products / "factored_btf")
-    gathered = stacks(session.frames())
+    gathered, depth_m = stacks(session.frames()), texels_of(session).depth_m
     truth = np.full_like(btf.reflectance, np.nan)
     for stack, place in zip(gathered, btf_layout(gathered, session.config, calibrations).places, strict=True):
         reply = simulation.request(
             "truth", what="btf", camera=stack.camera, lamp=stack.step.lamps[0], texels=truth.shape[2],
-            at=_at(stack.step),
+            depth_m=depth_m, at=_at(stack.step),
         )  # fmt: skip
         truth[place] = np.load(reply["path"])
     rms = float(np.sqrt(np.nanmean(truth.astype(np.float64) ** 2)))

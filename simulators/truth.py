@@ -216,20 +216,24 @@ class Truth:
         normals[hits.ray[of_body]] = hits.normals[of_body] @ device.rig_from_camera[:3, :3] * [1, -1, -1]
         return {"path": self._save("normals", pose, camera, normals.reshape(device.height_px, device.width_px, 3))}
 
-    def btf(self, pose: Pose, camera: str, lamp: str, texels: int, samples: int = 3) -> dict[str, Any]:
+    def btf(
+        self, pose: Pose, camera: str, lamp: str, texels: int, samples: int = 3, depth_m: float = 0.0
+    ) -> dict[str, Any]:
         """True BTF image (texels, texels, 3) for the lamp and the camera as they stand in this pose.
 
         Radiance toward the camera's true place over the lamp's irradiance on the reference plane, mean over samples x
-        samples points of each texel; 1/sr, NaN where the lamp is under the plane's horizon.
+        samples points of each texel, which lie depth_m under that plane; 1/sr, NaN where the lamp is under the plane's
+        horizon.
         """
         eye_m, light = self._camera(camera).rig_from_camera[:3, 3], self._studio.lamp(pose, lamp)
         where = self._studio.to_rig(pose, self._texels(texels, samples))
-        hits = self._toward(pose, eye_m, where)
+        below = self._studio.to_rig(pose, self._texels(texels, samples) - [0.0, 0.0, depth_m])
+        hits = self._toward(pose, eye_m, below)
         seen = np.full((len(where), 3), np.nan)
         seen[hits.ray] = self._studio.lamp_radiance(pose, hits, light, eye_m)
         ratio = seen / _plane_irradiance(light, where)
         image = ratio.reshape(texels, texels, samples**2, 3).mean(axis=2).astype(np.float32)
-        return {"path": self._save("btf", pose, (camera, lamp, texels, samples), image)}
+        return {"path": self._save("btf", pose, (camera, lamp, texels, samples, depth_m), image)}
 
     def _camera(self, name: str) -> CameraLayout:
         cameras = self._studio.layout.cameras

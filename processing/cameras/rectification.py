@@ -29,7 +29,7 @@ class TexelStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Texels:
-    """`count` x `count` texels over the square of `side_m` in the plane z = 0 of the sample frame, row 0 at +Y.
+    """`count` x `count` texels over the square of `side_m` in the sample frame at z = -`depth_m`, row 0 at +Y.
 
     They are seen through a square opening of `opening_m` whose rim stands `rim_m` over that plane.
     """
@@ -38,11 +38,17 @@ class Texels:
     side_m: float
     opening_m: float = np.inf
     rim_m: float = 0.0
+    depth_m: float = 0.0
 
     @property
     def centres_m(self) -> Array:
         """Centres (n, n, 3) in the sample frame."""
-        return geometry.texel_grid(self.count, self.side_m)
+        return geometry.texel_grid(self.count, self.side_m, -self.depth_m)
+
+    @property
+    def corners_m(self) -> Array:
+        """Corners (n + 1, n + 1, 3) in the sample frame."""
+        return geometry.texel_corners(self.count, self.side_m, -self.depth_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +85,7 @@ def rectify(
     weighted mean. Raises ImageError where image, camera and pattern do not fit.
     """
     planes, channel = _planes(radiance, camera, cfa)
-    corners = geometry.texel_corners(texels.count, texels.side_m)
-    corners_px = camera.project(geometry.transform_points(rig_from_sample, corners))
+    corners_px = camera.project(geometry.transform_points(rig_from_sample, texels.corners_m))
     # Samples of one colour are two pixels apart in a mosaic: there the tents that interpolate are as much wider.
     reach = 1 if cfa is None else 2
     value, variance, status = resample_kernel.resample(*planes, channel, corners_px, reach)
@@ -109,13 +114,14 @@ def _planes(
 def _obstruction(texels: Texels, centre_m: Array) -> NDArray[np.uint8]:
     """AVERTED, HIDDEN or 0 of every texel (n, n), seen from a sample-frame point."""
     shape = (texels.count, texels.count)
-    if centre_m[2] <= 0:
+    height_m = centre_m[2] + texels.depth_m
+    if height_m <= 0:
         return np.full(shape, TexelStatus.AVERTED, np.uint8)
     if np.isinf(texels.opening_m):
         return np.zeros(shape, np.uint8)
     # A line that leaves an upright opening does not come back: it is enough to look at its two ends. How far out
     # they lie along x depends on the column alone, along y on the row alone.
-    rise, half_m = min(texels.rim_m / centre_m[2], 1.0), texels.opening_m / 2
+    rise, half_m = min(texels.rim_m / height_m, 1.0), texels.opening_m / 2
     centres_m = texels.centres_m
     column, row = (
         (np.abs(along) > half_m) | (np.abs(along + (eye - along) * rise) > half_m)

@@ -69,6 +69,7 @@ Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=512), AfterVa
 Lists = Annotated[tuple[Angles, ...], Field(min_length=1, max_length=100)]
 AnglesOrLists = Annotated[Annotated[Angles, Tag(FORMS[0])] | Annotated[Lists, Tag(FORMS[1])], Discriminator(_form)]
 OptionalNames = Annotated[tuple[Name, ...], Field(max_length=512), AfterValidator(_distinct)]
+Depth = Annotated[float, Field(strict=True, ge=0, le=1000)]
 Texels = Annotated[int, Field(strict=True, ge=4, le=4096)]
 
 
@@ -129,7 +130,11 @@ class SrfPlan(_Model):
 
 
 class BtfPlan(_Model):
-    """A flat sample on the turntable under every lamp of the light arc; light azimuths in the sample frame."""
+    """A flat sample on the turntable under every lamp of the light arc; light azimuths in the sample frame.
+
+    `depth_mm` is how far its surface lies under the holder's opening, in the mean: there the texels are, so that what a
+    texel shows moves the less from view to view.
+    """
 
     kind: Literal["btf"]
     sample: Name = "brick"
@@ -139,6 +144,13 @@ class BtfPlan(_Model):
     cameras: Names
     exposures_s: Exposures
     texels: Texels
+    depth_mm: Depth = 0.0
+
+    @model_serializer(mode="wrap")
+    def _without_no_depth(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Plans from before there was a depth keep their hash."""
+        data: dict[str, Any] = dump(self)
+        return {name: value for name, value in data.items() if name != "depth_mm" or value}
 
 
 class MdfPlan(_Model):

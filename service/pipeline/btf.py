@@ -23,10 +23,11 @@ Array = NDArray[np.float64]
 
 def make_btf(session: Session, calibrations: Calibrations, progress: Progress, rank: int) -> list[Path]:
     """The BTF on the sample's texels, and its factors."""
-    assert isinstance(session.plan, BtfPlan)
     folder, factored = session.products / "btf", session.products / "factored_btf"
     records = session.frames()
-    inputs = fingerprint(records, {"texels": session.plan.texels, "calibrations": calibrations.digest()})
+    grid = texels_of(session)
+    measured_on = {"texels": grid.count} | ({"depth_m": grid.depth_m} if grid.depth_m else {})
+    inputs = fingerprint(records, {**measured_on, "calibrations": calibrations.digest()})
     if not is_current(folder, inputs):
         _btf(session, calibrations, progress, provenance(session, inputs)).save(folder)
     if not is_current(factored, inputs | {"rank": rank}):
@@ -57,22 +58,28 @@ def btf_layout(gathered: Sequence[Stack], config: RigConfig, calibrations: Calib
 
 
 def _btf(session: Session, calibrations: Calibrations, progress: Progress, source: Provenance) -> Btf:
-    assert isinstance(session.plan, BtfPlan)
-    gathered, texels = stacks(session.frames()), session.plan.texels
+    gathered, grid = stacks(session.frames()), texels_of(session)
     layout = btf_layout(gathered, session.config, calibrations)
-    shape = (len(layout.light_directions), len(layout.view_directions), texels, texels, 3)
+    shape = (len(layout.light_directions), len(layout.view_directions), grid.count, grid.count, 3)
     btf = np.full(shape, np.nan, np.float32)
     for number, stack in enumerate(progress.track(gathered, "merging and rectifying")):
-        btf[layout.places[number]] = _image(stack, calibrations, session.config.holder, texels)
+        btf[layout.places[number]] = _image(stack, calibrations, session.config.holder, grid)
     return Btf(btf, layout.light_directions, layout.view_directions, source)
 
 
-def _image(stack: Stack, calibrations: Calibrations, holder: SampleHolder, texels: int) -> NDArray[np.float32]:
+def texels_of(session: Session) -> Texels:
+    """The texels of a `btf` session; where they lie under the opening, its edge is a rim before them."""
+    assert isinstance(session.plan, BtfPlan)
+    holder, depth_m = session.config.holder, session.plan.depth_mm / 1e3
+    opening_m = holder.sample_mm / 1e3
+    return Texels(session.plan.texels, holder.texels_mm / 1e3, opening_m, rim_m=depth_m, depth_m=depth_m)
+
+
+def _image(stack: Stack, calibrations: Calibrations, holder: SampleHolder, grid: Texels) -> NDArray[np.float32]:
     """Reflectance (y, x, channel) of the sample in one view under one light."""
     frame = WhiteFrame(holder.sample_mm / 1e3, holder.inner_mm / 1e3)
     rig_from_sample = geometry.rotation_z(stack.step.axes_rad["turntable"])
     camera, merged = calibrations.camera(stack.camera), merge(stack, calibrations)
-    grid = Texels(texels, holder.texels_mm / 1e3, holder.sample_mm / 1e3)
     seen = rectify(merged.radiance, camera, rig_from_sample, grid, merged.cfa)
     white = white_frame_radiance(merged.radiance, camera, rig_from_sample, frame, merged.cfa)
     return reflectance(seen, white, holder.white_reflectance).value

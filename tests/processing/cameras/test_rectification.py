@@ -237,6 +237,18 @@ def test_the_rim_hides_what_lies_behind_it(elevation_deg):
     np.testing.assert_allclose(rectified.value[rectified.valid], 1.0, rtol=1e-6)
 
 
+@pytest.mark.parametrize("elevation_deg", [88, 30])
+def test_texels_under_the_opening_are_those_of_a_camera_that_stands_higher(elevation_deg):
+    depth_m, camera = 0.0013, camera_at(elevation_deg)
+    raised = CameraModel(camera.lens, geometry.rigid(np.eye(3), [0, 0, depth_m]) @ camera.rig_from_camera, SIZE)
+    image = photograph(camera, np.eye(4), waves)
+    deep, level = Texels(24, 0.060, 0.058, depth_m, depth_m), Texels(24, 0.060, 0.058, depth_m)
+    below, same = rectify(image, camera, np.eye(4), deep), rectify(image, raised, np.eye(4), level)
+    np.testing.assert_array_equal(below.status, same.status)
+    np.testing.assert_allclose(below.value, same.value, atol=1e-4)
+    np.testing.assert_array_equal(deep.centres_m[..., 2], -depth_m)
+
+
 @pytest.mark.parametrize("shape", [(10, 10, 3), (240, 320), (240, 320, 4)])
 def test_images_of_another_camera_are_refused(shape):
     zero = np.zeros(shape, np.float32)

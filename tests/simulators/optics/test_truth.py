@@ -1,4 +1,5 @@
 import json
+from functools import partial
 from math import radians
 from pathlib import Path
 
@@ -86,6 +87,16 @@ def test_the_btf_of_white_is_albedo_over_pi(optics, pose):
 def test_the_btf_under_the_horizon_is_missing(optics, pose):
     image = _array(optics.truth("btf", pose(sample="brick"), camera="cam7", lamp="led", texels=8))
     assert np.isnan(image).all()
+
+
+def test_the_btf_of_texels_under_the_opening_is_moved_toward_the_camera(optics, pose):
+    """Seen from 30 deg over the horizon at azimuth 0, what lies a texel's tan 30 deg deep crosses z = 0 a texel on."""
+    texels = 24
+    depth_m = SIDE_M / texels * np.tan(np.radians(30))
+    truth = partial(optics.truth, "btf", pose(sample="brick", light_arc_rad=2.0), camera="cam1", lamp="lamp6")
+    level, deep = (_array(truth(texels=texels, depth_m=depth)) for depth in (0.0, depth_m))
+    moved, stayed = (np.abs(deep[:, :-1] - other).mean() for other in (level[:, 1:], level[:, :-1]))
+    assert moved < 0.2 * stayed  # the camera is a metre away: the elevation changes by 2 deg over the sample
 
 
 def test_the_btf_predicts_the_picture(optics, pose):

@@ -3,10 +3,10 @@
 import moderngl
 import numpy as np
 
-from processing.products import DirectionMesh, FactoredBtf
+from processing.products import FactoredBtf
 from render.arrays import Float64, Rows
 from render.programs import Binding
-from render.textures import table, texture_array
+from render.textures import direction_tables, table, texture_array
 
 SHADER = "btf.frag"
 
@@ -21,20 +21,10 @@ def upload(context: moderngl.Context, btf: FactoredBtf) -> Binding:
     }
     values = {"rank": rank, "lights": lights}
     for name, mesh in (("light", btf.lights), ("view", btf.views)):
-        textures |= _direction_tables(context, name, mesh)
+        textures |= direction_tables(context, name, mesh)
     return Binding(SHADER, textures, values)
 
 
 def outgoing(btf: FactoredBtf, uv: Rows, light: Rows, view: Rows) -> Float64:
     """Radiance (n, 3) for unit irradiance on a surface that faces the light: reflectance times cosine, in NumPy."""
     return btf.evaluate(uv, light, view) * np.maximum(light[:, 2:3], 0.0)
-
-
-def _direction_tables(context: moderngl.Context, name: str, mesh: DirectionMesh) -> dict[str, moderngl.Texture]:
-    """Cells (64, 64) of triangle numbers; per triangle its three indices and corners in a row of three texels."""
-    corners = mesh.directions[:, :2][mesh.triangles]
-    row = np.concatenate([corners, mesh.triangles[:, :, None], np.zeros((*mesh.triangles.shape, 1))], axis=2)
-    return {
-        f"{name}_cells": table(context, mesh.cells[:, :, None]),
-        f"{name}_triangles": table(context, row),
-    }

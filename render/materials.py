@@ -7,16 +7,16 @@ from types import ModuleType
 
 import moderngl
 
-from processing.products import FactoredBtf, Srf
-from render import btf, flat, srf
+from processing.products import FactoredBtf, SbrdfPlus, Srf
+from render import btf, flat, sbrdf, srf
 from render.arrays import Float64, Rows
 from render.errors import MaterialError
 from render.flat import FlatTexture
 from render.programs import Binding
 
-Material = Srf | FactoredBtf | FlatTexture
+Material = Srf | FactoredBtf | SbrdfPlus | FlatTexture
 
-_MODULES: dict[type, ModuleType] = {Srf: srf, FactoredBtf: btf, FlatTexture: flat}
+_MODULES: dict[type, ModuleType] = {Srf: srf, FactoredBtf: btf, SbrdfPlus: sbrdf, FlatTexture: flat}
 
 
 def upload(context: moderngl.Context, material: Material) -> Binding:

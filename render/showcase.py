@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from processing.products import FactoredBtf, Srf
+from processing.products import FactoredBtf, SbrdfPlus, Srf
 from render.errors import MaterialError
 from render.materials import Material
 from render.mesh import Mesh
@@ -72,8 +72,9 @@ class Show:
 def scenes(material: Material, size: tuple[int, int]) -> dict[str, Show]:
     """Shows by name.
 
-    An SRF is shown on a sphere and on a vase, a BTF on a plane and on a torus. A sphere's map is shown on the sphere
-    that it was taken from, and mirrored at its borders on the vase. Raises MaterialError for anything else.
+    An SRF is shown on a sphere and a vase, a BTF, factored or as SBRDF+, on a plane and a torus. A sphere's map is
+    shown on the sphere that it was taken from, and mirrored at its borders on the vase. Raises MaterialError for
+    anything else.
     """
     if isinstance(material, Srf):
         ball = sphere() if material.wrap else captured_sphere()
@@ -81,12 +82,13 @@ def scenes(material: Material, size: tuple[int, int]) -> dict[str, Show]:
             "srf_sphere": _show(ball, material, size, _STANDING if material.wrap else _CAPTURED),
             "srf_vase": _show(vase(), repeating(material), size, _STANDING),
         }
-    if isinstance(material, FactoredBtf):
+    if isinstance(material, FactoredBtf | SbrdfPlus):
+        name = "btf" if isinstance(material, FactoredBtf) else "sbrdf"
         return {
-            "btf_plane": _show(plane(tiles=(2.0, 2.0)), material, size, _LYING),
-            "btf_torus": _show(torus(), material, size, _RING),
+            f"{name}_plane": _show(plane(tiles=(2.0, 2.0)), material, size, _LYING),
+            f"{name}_torus": _show(torus(), material, size, _RING),
         }
-    raise MaterialError(f"{type(material).__name__}: the showcase has scenes for Srf and FactoredBtf")
+    raise MaterialError(f"{type(material).__name__}: the showcase has scenes for Srf, FactoredBtf and SbrdfPlus")
 
 
 def write_showcase(

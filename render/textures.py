@@ -3,6 +3,7 @@
 import moderngl
 import numpy as np
 
+from processing.products import DirectionMesh
 from render.arrays import Rows
 from render.errors import MaterialError
 
@@ -35,3 +36,13 @@ def table(context: moderngl.Context, values: Rows) -> moderngl.Texture:
         raise MaterialError(f"a table of {height} x {width} numbers: the graphics library takes {limit} a side")
     data = np.ascontiguousarray(values, dtype=np.float32)
     return context.texture((width, height), components, data.tobytes(), dtype="f4", alignment=1)
+
+
+def direction_tables(context: moderngl.Context, name: str, mesh: DirectionMesh) -> dict[str, moderngl.Texture]:
+    """Cells (64, 64) of triangle numbers; per triangle its three indices and corners in a row of three texels."""
+    corners = mesh.directions[:, :2][mesh.triangles]
+    row = np.concatenate([corners, mesh.triangles[:, :, None], np.zeros((*mesh.triangles.shape, 1))], axis=2)
+    return {
+        f"{name}_cells": table(context, mesh.cells[:, :, None]),
+        f"{name}_triangles": table(context, row),
+    }

@@ -1,18 +1,36 @@
 // (N.H)^n to float32's own accuracy. The driver's pow() loses some 1e-5 at n = 200, which is the whole value where
 // the residual cancels the lobe: its logarithm is to blame, its exp2() is good.
 
-// log2(cosine) from squares of sine and cosine, through half the logarithm of cosine^2 = mantissa * 2^power.
+// x = mantissa * 2^power for x > 0. The mantissa lies from sqrt(1/2) to sqrt(2), whose bits as a float are taken off and
+// put on again.
+float mantissa_of(float x, out int power) {
+    int bits = floatBitsToInt(x) - 0x3f3504f3;
+    power = bits >> 23;
+    return intBitsToFloat((bits & 0x007fffff) + 0x3f3504f3);
+}
+
+// Half the binary logarithm of a mantissa: atanh(z) / log(2) for z = (mantissa - 1) / (mantissa + 1). |z| < 0.172, so
+// that the last term stands for all that follow, within 1e-8.
+float half_log2(float z) {
+    float z2 = z * z;
+    return 1.44269504 * (z * ((1.0 + z2 * (1.0 / 3.0)) + z2 * z2 * (1.0 / 5.0 + z2 * 0.1459)));
+}
+
+// log2(cosine) from squares of sine and cosine, through half the logarithm of cosine^2.
 float log2_cosine(float sine_squared, float cosine_squared) {
-    // The mantissa lies from sqrt(1/2) to sqrt(2), whose bits as a float are taken off and put on again.
-    int bits = floatBitsToInt(cosine_squared) - 0x3f3504f3;
-    int power = bits >> 23;
-    float mantissa = intBitsToFloat((bits & 0x007fffff) + 0x3f3504f3);
+    int power;
+    float mantissa = mantissa_of(cosine_squared, power);
     // Near the pole from the sine: 1 - cos^2 keeps the digits that the cosine has lost.
     float z = (power == 0 ? -sine_squared : mantissa - 1.0) / (mantissa + 1.0);
-    // atanh(z) = log(mantissa) / 2; for |z| < 0.172 the last term stands for all that follow, within 1e-8.
-    float z2 = z * z;
-    float series = z * ((1.0 + z2 * (1.0 / 3.0)) + z2 * z2 * (1.0 / 5.0 + z2 * 0.1459));
-    return float(power) * 0.5 + 1.44269504 * series;
+    return float(power) * 0.5 + half_log2(z);
+}
+
+// max(base, 0)^exponent.
+float power(float base, float exponent) {
+    int whole;
+    float mantissa = mantissa_of(base, whole);
+    float log2_base = float(whole) + 2.0 * half_log2((mantissa - 1.0) / (mantissa + 1.0));
+    return base > 0.0 ? exp2(exponent * log2_base) : float(exponent == 0.0);
 }
 
 // H = between / |between|, of which one over the squared length is given: nothing waits for a root.

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from processing.products import FactoredBtf, Srf
+from processing.products import FactoredBtf, SbrdfPlus, Srf
 from render.errors import GlUnavailableError
 from render.flat import FlatTexture
 from render.opengl import GlRenderer
@@ -32,6 +32,12 @@ def srf() -> Srf:
 def btf() -> FactoredBtf:
     """Bricks over 25 light and 25 view directions, rank 4."""
     return synthetic.bricks(texels=36, rank=4)
+
+
+@pytest.fixture(scope="session")
+def sbrdf() -> SbrdfPlus:
+    """Three lobes, shadows, shifts and hidden points over 25 light and 25 view directions."""
+    return synthetic.weave()
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,10 @@
 """Materials by formula, rough enough to show an error of a texel, a frame or a direction."""
 
 import numpy as np
+from scipy import ndimage
+from scipy.special import ndtr
 
-from processing.products import BlinnPhong, DirectionMesh, FactoredBtf, Srf
+from processing.products import BlinnPhong, DirectionMesh, FactoredBtf, LafortuneTexels, SbrdfPlus, Srf
 from render.environment import Environment
 from render.flat import FlatTexture
 
@@ -94,3 +96,44 @@ def direction_rad(azimuth_rad: float, elevation_rad: float) -> np.ndarray:
     """Unit vector (3,) at an azimuth from +X toward +Y and an elevation."""
     level = np.cos(elevation_rad)
     return np.array([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), np.sin(elevation_rad)])
+
+
+def weave(
+    shape: tuple[int, int] = (24, 20),
+    *,
+    lobes: int = 3,
+    hidden: float = 0.3,
+    centres: int = 40,
+    largest_exponent: float = 60.0,
+    seed: int = 1,
+) -> SbrdfPlus:
+    """An SBRDF+ of no physics: smooth lobes, shadows and shifts of some texels, a share of hidden points."""
+    rng = np.random.default_rng(seed)
+    mesh = DirectionMesh.from_directions(hemisphere())
+    count = len(mesh.directions)
+
+    def smooth(low, high, *more):
+        maps = rng.normal(size=(*more, *shape))
+        maps = ndimage.gaussian_filter(maps, (0,) * len(more) + (1.5, 1.5), mode="wrap")
+        spread = np.sqrt(np.mean(maps**2)) if maps.size else 1.0
+        return (low + (high - low) * ndtr(maps / spread)).astype(np.float32)
+
+    axis = np.moveaxis(smooth(-1.0, 1.0, lobes, 3), (0, 1), (2, 3))
+    axis[..., 2] = np.abs(axis[..., 2]) + 0.3
+    axis /= np.abs(axis).max(axis=-1, keepdims=True, initial=1e-9)
+    here = smooth(0.0, 1.0, count) < hidden
+    return SbrdfPlus(
+        LafortuneTexels(
+            np.moveaxis(smooth(0.02, 0.2, 3), 0, 2),
+            axis,
+            np.moveaxis(np.exp(smooth(0.0, np.log(largest_exponent), lobes)), 0, 2),
+            np.moveaxis(smooth(0.0, 0.4, lobes, 3), (0, 1), (2, 3)),
+        ),
+        smooth(0.0, 1.0, count),
+        np.moveaxis(smooth(-4.0, 4.0, count, 2), 1, 3),
+        here & (centres > 0),
+        rng.integers(0, max(centres, 1), (count, *shape)).astype(np.uint16),
+        rng.uniform(0.0, 0.2, (centres, count, 3)).astype(np.float32),
+        mesh,
+        mesh,
+    )

@@ -24,7 +24,7 @@ BOUND = 1e-3
 MESHES = {"sphere": sphere(), "plane": plane(tiles=(2.0, 3.0)), "torus": torus(), "vase": vase(shape=(48, 64))}
 
 
-@pytest.fixture(params=["srf", "btf", "flat"])
+@pytest.fixture(params=["srf", "btf", "sbrdf", "flat"])
 def material(request):
     return request.getfixturevalue(request.param)
 
@@ -137,7 +137,7 @@ def test_relative_error_counts_small_values_against_the_peak():
 
 
 def test_what_is_no_material_is_refused(gl):
-    with pytest.raises(MaterialError, match="these are: FactoredBtf, FlatTexture, Srf"):
+    with pytest.raises(MaterialError, match="these are: FactoredBtf, FlatTexture, SbrdfPlus, Srf"):
         outgoing("plaster", np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 3)))
     with pytest.raises(MaterialError, match="str is not a material"):
         upload(gl.context, "plaster")

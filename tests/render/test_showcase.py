@@ -12,8 +12,8 @@ from tests.render import synthetic
 
 
 @pytest.fixture
-def materials(srf, btf):
-    return {"repeating": srf, "captured": synthetic.stone(32, 32, wrap=False), "btf": btf}
+def materials(srf, btf, sbrdf):
+    return {"repeating": srf, "captured": synthetic.stone(32, 32, wrap=False), "btf": btf, "sbrdf": sbrdf}
 
 
 @pytest.mark.parametrize(
@@ -22,6 +22,7 @@ def materials(srf, btf):
         ("repeating", {"srf_sphere", "srf_vase"}),
         ("captured", {"srf_sphere", "srf_vase"}),
         ("btf", {"btf_plane", "btf_torus"}),
+        ("sbrdf", {"sbrdf_plane", "sbrdf_torus"}),
     ],
 )
 def test_every_scene_is_written_as_still_sheet_and_animation(gl, tmp_path, materials, name, expected):
@@ -38,7 +39,7 @@ def test_every_scene_is_written_as_still_sheet_and_animation(gl, tmp_path, mater
         assert gallery.animation.read_bytes()[8:12] == b"WEBP"
 
 
-@pytest.mark.parametrize("name", ["repeating", "captured", "btf"])
+@pytest.mark.parametrize("name", ["repeating", "captured", "btf", "sbrdf"])
 def test_scenes_are_well_lit_and_framed(gl, materials, name):
     """The object fills a good part of the window, most of it is lit, and little of it burns out."""
     preview = Preview((64, 64), renderer=gl)

@@ -1,0 +1,235 @@
+"""Lafortune fits of many texels, one after another: samples gathered, starts tried on a few, the best one finished.
+
+The samples come in a mixed order, so that the first blocks are a fair choice of all of them: they tell starts apart and
+bring the best near the minimum; two or three rounds over all samples end it.
+"""
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.products.arrays import Float32, Float64
+from processing.sbrdf.lafortune_descent import AT_BOUND, DIVERGED, TOO_FEW_SAMPLES, descend
+from processing.sbrdf.lafortune_equations import SHAPES, Ints, cost_of, normalise, solve_channel
+from processing.sbrdf.lafortune_kernel import BLOCK, FACTOR, ROWS, TILE, VALUES
+
+_LEAST_PER_FUNCTION = 2  # samples, of three channels each
+_COARSE = 2  # blocks
+_ROUGHLY, _FINELY = (2e-4, 15), (2e-6, 40)
+_NOTHING, _FLOOR = 1e-10, 1e-13  # of the values' squares: what no lobe is worth, and no round
+
+
+@numba.njit(nogil=True, cache=True)
+def weigh(values: Float32, variance: Float32, cosine: Float32, weights: Float64) -> tuple[int, float, float]:
+    """One over the noise of each sample, 0 for one that is not valid; how many are, and units of values and noise.
+
+    `values` (s, 3); `variance` (s,), or (0,) for all alike; `cosine` (s,) to the light. In the units the weights and
+    the weighted values are 1 in the root mean square.
+    """
+    count, noise, squares = 0, 0.0, 0.0
+    for i in range(len(values)):
+        total = np.float64(values[i, 0]) + np.float64(values[i, 1]) + np.float64(values[i, 2])
+        weights[i] = 0.0
+        if not (math.isfinite(total) and cosine[i] > 0):
+            continue
+        weight = 1.0
+        if variance.size > 0:
+            if not 0.0 < variance[i] < np.inf:
+                continue
+            weight = 1.0 / math.sqrt(np.float64(variance[i]))
+        weights[i] = weight
+        count += 1
+        noise += weight * weight
+        for k in range(3):
+            squares += (weight * values[i, k]) ** 2
+    if count == 0:
+        return 0, 0.0, 1.0
+    noise = math.sqrt(noise / count)
+    return count, math.sqrt(squares / (3 * count)) / noise, noise
+
+
+@numba.njit(nogil=True, cache=True)
+def gather(values: Float32, weights: Float64, products: Float32, order: Ints, samples: Float32) -> None:
+    """The samples whose weight is not 0, in this order, as blocks; `products` (4, s), the cosine to the light last."""
+    at = 0
+    samples[:] = 0.0
+    for i in order:
+        if weights[i] > 0:
+            samples[at] = products[0, i]
+            samples[at + BLOCK] = products[1, i]
+            samples[at + 2 * BLOCK] = products[2, i]
+            samples[at + FACTOR] = products[3, i] * weights[i]
+            for k in range(3):
+                samples[at + VALUES + k * BLOCK] = values[i, k] * weights[i]
+            at += 1
+            if at % BLOCK == 0:
+                at += (ROWS - 1) * BLOCK
+
+
+@numba.njit(nogil=True, cache=True)
+def scale_samples(samples: Float32, count: int, value: float, noise: float) -> Float32:
+    """The blocks that hold samples, in these units."""
+    used = samples[: (count + BLOCK - 1) // BLOCK * ROWS * BLOCK]
+    of_factor, of_value = np.float32(1.0 / noise), np.float32(1.0 / (noise * value))
+    for at in range(0, used.size, ROWS * BLOCK):
+        used[at + FACTOR : at + VALUES] *= of_factor
+        used[at + VALUES : at + ROWS * BLOCK] *= of_value
+    return used
+
+
+@numba.njit(nogil=True, cache=True)
+def slots_of(lobes: int, shared: bool) -> Ints:
+    """Which unknown each parameter stands for; shared, all lobes have one C and the diffuse is grey."""
+    slots = np.empty(SHAPES * lobes + 1, np.int64)
+    for j in range(lobes):
+        for k in range(SHAPES):
+            slots[SHAPES * j + k] = SHAPES * j + k if not shared else (j if k == 0 else lobes + k - 1)
+    slots[SHAPES * lobes] = -1 if not shared else (lobes + SHAPES - 1 if lobes > 0 else 0)
+    return slots
+
+
+@numba.njit(nogil=True, cache=True)
+def best_start(
+    samples: Float32, settings: tuple[bool, float, float], starts: Float64, lobes: Float64, albedo: Float64
+) -> int:
+    """Descend from each of the starts (k, j, 4) on some samples; the lowest into `lobes` and `albedo`; rounds."""
+    slots, best, rounds = slots_of(len(lobes), settings[0]), np.inf, 0
+    rule = (_ROUGHLY[0], _ROUGHLY[1], _FLOOR * samples.size)
+    size = TILE * (1 + len(lobes))
+    gram, before = np.empty((size, size)), np.empty_like(albedo)
+    for start in starts:
+        trial, found = start.copy(), np.zeros_like(albedo)
+        cost, taken, _ = descend(samples, slots, settings[1:], rule, (trial, found), (gram, before))
+        rounds += taken
+        if cost < best:
+            best = cost
+            lobes[:], albedo[:] = trial, found
+    return rounds
+
+
+@numba.njit(nogil=True, cache=True)
+def _least_worth(gram: Float64, before: Float64, shared: bool, albedo: Float64) -> tuple[int, float, float]:
+    """The lobe without which the cost grows least, by albedos alone; the cost with it and without."""
+    lobes = before.shape[1] - 1
+    free, trial = np.empty(1 + lobes, np.bool_), np.empty(1 + lobes)
+    least, lowest, cost = -1, np.inf, 0.0
+    for j in range(-1, lobes):
+        total = 0.0
+        for channel in range(3):
+            for p in range(1 + lobes):
+                free[p] = albedo[channel, p] > 0 and (j < 0 or p != 1 + j)
+                trial[p] = 0.0
+            if shared:
+                free[0], trial[0] = False, albedo[channel, 0]
+            solve_channel(gram, channel, before[channel], free, trial)
+            total += cost_of(gram, channel, before[channel], trial)
+        if j < 0:
+            cost = total
+        elif total < lowest:
+            least, lowest = j, total
+    return least, cost, lowest
+
+
+@numba.njit(nogil=True, cache=True)
+def _without(lobe: int, lobes: Float64, albedo: Float64) -> tuple[Float64, Float64]:
+    fewer, left = np.empty((len(lobes) - 1, 4)), np.empty((3, len(lobes)))
+    left[:, 0] = albedo[:, 0]
+    for j in range(len(fewer)):
+        source = j if j < lobe else j + 1
+        fewer[j], left[:, 1 + j] = lobes[source], albedo[:, 1 + source]
+    return fewer, left
+
+
+@numba.njit(nogil=True, cache=True)
+def finish(
+    samples: Float32, settings: tuple[bool, float, float], count: int, lobes: Float64, albedo: Float64
+) -> tuple[Float64, Float64, float, int, int]:
+    """Descend over all samples; leave out lobes whose gain is not worth their parameters (Akaike 1974).
+
+    Returns the lobes and albedos that are left, the sum of squares, rounds and status.
+    """
+    shared, low, high = settings
+    total, squares = 0, 3.0 * count
+    rule = (_FINELY[0], _FINELY[1], _FLOOR * squares)
+    while True:
+        size = TILE * (1 + len(lobes))
+        gram, before = np.empty((size, size)), np.empty_like(albedo)
+        slots = slots_of(len(lobes), shared)
+        cost, rounds, status = descend(samples, slots, (low, high), rule, (lobes, albedo), (gram, before))
+        total += rounds
+        if len(lobes) == 0 or status == DIVERGED:
+            break
+        least, present, without = _least_worth(gram, before, shared, albedo)
+        gain = 3 * count * math.log((without + _NOTHING * squares) / (present + _NOTHING * squares))
+        if gain > 2 * (4 if shared else 6):
+            break
+        lobes, albedo = _without(least, lobes, albedo)
+    for j in range(len(lobes)):
+        if lobes[j, 3] <= low or lobes[j, 3] >= high:
+            status = max(status, AT_BOUND) if status == 0 else status
+    return lobes, albedo, cost, total, status
+
+
+@numba.njit(nogil=True, cache=True)
+def _present(start: Float64) -> Float64:
+    """The lobes of a start that are not absent."""
+    count = 0
+    kept = np.empty_like(start)
+    for lobe in start:
+        if np.isfinite(lobe.sum()) and np.abs(lobe[:3]).sum() > 0:
+            kept[count] = lobe
+            normalise(kept[count])
+            count += 1
+    return kept[:count].copy()
+
+
+@numba.njit(nogil=True, cache=True)
+def fit_texels(
+    values: Float32,
+    variance: Float32,
+    known: tuple[Float32, Ints],
+    settings: tuple[bool, float, float],
+    begin: tuple[Float64, Float64],
+    results: tuple[Float64, Float64, Float64, NDArray[np.int8], NDArray[np.int32]],
+) -> None:
+    """Fit texels (t, s, 3) into `results`: lobes (t, j, 4), albedos (t, 3, 1 + j), cost, status, rounds.
+
+    `variance` (t or 1, s or 0); `known`: products and cosine (4, s), and the order to take samples in; `settings`:
+    whether C and the diffuse are shared, bounds of log n; `begin`: starts for all (k, j, 4), and for each texel
+    (t or 0, j, 4).
+    """
+    starts, warm = begin
+    products, order = known
+    lobes, albedos, costs, status, rounds = results
+    blocks = (len(order) + BLOCK - 1) // BLOCK
+    room, weights = np.empty(blocks * ROWS * BLOCK, np.float32), np.empty(values.shape[1])
+    for t in range(len(values)):
+        lobes[t], albedos[t], costs[t], rounds[t], status[t] = 0.0, 0.0, 0.0, 0, TOO_FEW_SAMPLES
+        count, value, noise = weigh(values[t], variance[min(t, len(variance) - 1)], products[3], weights)
+        if count == 0:
+            continue
+        enough = count >= _LEAST_PER_FUNCTION * (1 + 4 * lobes.shape[1])
+        if not (value > 0 and math.isfinite(value)):
+            status[t] = (DIVERGED if value > 0 else 0) if enough else TOO_FEW_SAMPLES
+            continue
+        gather(values[t], weights, products, order, room)
+        samples = scale_samples(room, count, value, noise)
+        here, found = np.empty((0, 4)), np.zeros((3, 1))
+        if enough and len(warm) > 0:
+            here = _present(warm[t])
+            found = np.zeros((3, 1 + len(here)))
+        taken = 0
+        if enough and len(here) == 0:
+            here, found = np.empty(lobes.shape[1:]), np.zeros((3, 1 + lobes.shape[1]))
+            some = samples[: _COARSE * ROWS * BLOCK]
+            taken = best_start(some, settings, starts, here, found)
+        here, found, cost, more, how = finish(samples, settings, count, here, found)
+        for j in range(len(here)):
+            lobes[t, j] = here[j]
+        for channel in range(3):
+            for p in range(1 + len(here)):
+                albedos[t, channel, p] = found[channel, p] * value
+        costs[t], rounds[t] = cost * value * value * noise * noise / (3 * count), taken + more
+        status[t] = how if enough else TOO_FEW_SAMPLES

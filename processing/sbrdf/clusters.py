@@ -13,6 +13,7 @@ from processing.products.arrays import Float32, Float64
 from processing.products.sbrdf_packing import TextureLayout
 from processing.sbrdf.k_means import k_means, nearest_centre
 from processing.sbrdf.samples import Samples
+from processing.threads import in_parts
 
 
 class ClusterStatus(IntEnum):
@@ -62,12 +63,16 @@ def cluster_hidden(samples: Samples, hidden: NDArray[np.bool_], count: int = 198
     status = np.full(len(hidden), ClusterStatus.NO_POINTS, np.int8)
     error = np.full(len(hidden), np.nan)
     centres = np.zeros((int(shares.sum()), samples.shape[0] * 3), np.float32)
-    first = np.cumsum(shares) - shares
-    for view in np.flatnonzero(shares):
-        found = k_means(_vectors(samples, hidden, view), int(shares[view]))
-        mine = slice(first[view], first[view] + shares[view])
-        index[view][hidden[view]] = first[view] + found.index
-        centres[mine], status[view], error[view] = found.centres, found.status, found.error
+    first, having = np.cumsum(shares) - shares, np.flatnonzero(shares)
+
+    def cluster(start: int, stop: int) -> None:
+        for view in having[start:stop]:
+            found = k_means(_vectors(samples, hidden, view), int(shares[view]))
+            index[view][hidden[view]] = first[view] + found.index
+            centres[first[view] : first[view] + shares[view]] = found.centres
+            status[view], error[view] = found.status, found.error
+
+    in_parts(cluster, len(having), 1)
     for view in np.flatnonzero((points > 0) & (shares == 0)):
         status[view] = ClusterStatus.NO_CENTRES
         if len(centres):

@@ -1,4 +1,4 @@
-"""K-means of vectors in which values may be missing, by matrix products.
+"""K-means of vectors in which values may be missing.
 
 Seeds by k-means++ (Arthur and Vassilvitskii 2007), the best of a few candidates at each step, then Lloyd's rounds.
 """
@@ -8,14 +8,13 @@ from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from processing.products.arrays import Float32, Float64
+from processing.sbrdf.k_means_kernel import nearest, rounds, seed
 
-_SEED = 1984
-_ROUNDS = 60
-_TOLERANCE = 1e-4  # of the error: a round that lowers it by less was the last
-_BLOCK = 1 << 24  # distances at a time: 64 MiB
+SEED, CANDIDATES = 1984, 8
+ROUNDS = 100
+TOLERANCE = 1e-4  # of the error: a round that lowers it by less was the last
 
 Index = NDArray[np.intp]
 
@@ -43,32 +42,30 @@ class KMeans:
 def k_means(vectors: Float32, count: int) -> KMeans:
     """`count` centres, at least one, of vectors (n, d), n >= 1; NaN and infinities are missing. Same in every run."""
     points = _Points.of(vectors)
-    centres = _seeds(points, count)
-    index, nearest, status = _nearest(points, centres)[0], np.inf, KMeansStatus.STOPPED
-    for _ in range(_ROUNDS):
-        index, distance = _nearest(points, centres)
-        error = float(distance.sum(dtype=np.float64))
-        if error >= nearest * (1 - _TOLERANCE):
-            status = KMeansStatus.CONVERGED
-            break
-        nearest = error
-        centres = points.means(index, distance, centres)
-    return points.result(index, centres, status)
+    draws = np.random.default_rng(SEED).random((count, CANDIDATES))
+    centres = points.value[seed(points.value, points.present, draws)]
+    index = np.zeros(len(vectors), np.intp)
+    converged, _ = rounds(points.value, points.present, centres, index, (ROUNDS, TOLERANCE))
+    nearest(points.value, points.present, centres, index)
+    found = (centres * points.size + points.mean).astype(np.float32)
+    status = KMeansStatus.CONVERGED if converged else KMeansStatus.STOPPED
+    return KMeans(index, found, status, _error(vectors, found[index]))
 
 
 def nearest_centre(vectors: Float32, centres: Float32) -> Index:
     """Index (n,) of the centre (k, d) that is nearest to each vector (n, d) over the values that it has."""
-    points = _Points.of(vectors)
-    return _nearest(points, points.placed(centres))[0]
+    points, index = _Points.of(vectors), np.zeros(len(vectors), np.intp)
+    placed = ((centres - points.mean) / points.size).astype(np.float32)
+    nearest(points.value, points.present, placed, index)
+    return index
 
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Vectors less their mean over their largest difference from it, 0 where missing; `present` None: nothing is."""
+    """Vectors less their mean over their largest difference from it, 0 where missing, as the loops take them."""
 
     value: Float32
-    present: Float32 | None
-    square: Float32
+    present: Float32
     mean: Float64
     size: float
 
@@ -78,64 +75,13 @@ class _Points:
         mean = np.where(finite, vectors, 0).sum(axis=0, dtype=np.float64) / np.maximum(finite.sum(axis=0), 1)
         value = np.where(finite, vectors - mean, 0)
         size = float(np.abs(value).max(initial=0.0)) or 1.0
-        value = (value / size).astype(np.float32)
-        present = None if (finite | ~finite.any(axis=0)).all() else finite.astype(np.float32)
-        return cls(value, present, np.einsum("nd,nd->n", value, value), mean, size)
-
-    def distances(self, rows: slice, centres: Float32) -> Float32:
-        """Squared distances (row, centre) over the values that each vector has."""
-        square = centres * centres
-        own = square.sum(axis=1) if self.present is None else self.present[rows] @ square.T
-        found: Float32 = self.square[rows, None] - 2 * (self.value[rows] @ centres.T) + own
-        return np.maximum(found, 0, out=found)
-
-    def means(self, index: Index, distance: Float32, centres: Float32) -> Float32:
-        """Of each cluster; one without vectors goes to the vector farthest from its own centre."""
-        one = np.ones(len(index), np.float32)
-        members = csr_array((one, (index, np.arange(len(index)))), (len(centres), len(index)))
-        counts = members.sum(axis=1)[:, None] if self.present is None else members @ self.present
-        means: Float32 = np.asarray(members @ self.value / np.maximum(counts, 1), np.float32)
-        empty = np.flatnonzero(np.bincount(index, minlength=len(centres)) == 0)
-        means[empty] = self.value[np.argsort(-distance, kind="stable")[: len(empty)]]
-        return means
-
-    def placed(self, centres: Float32) -> Float32:
-        """Centres (k, d) in these vectors' own units."""
-        return ((centres - self.mean) / self.size).astype(np.float32)
-
-    def result(self, index: Index, centres: Float32, status: KMeansStatus) -> KMeans:
-        """In the vectors' units; the error is that of float32 centres, summed in double precision."""
-        square = np.square(self.value - centres[index], dtype=np.float64)
-        values = self.value.size if self.present is None else self.present.sum()
-        if self.present is not None:
-            square *= self.present
-        error = square.sum() / max(values, 1) * self.size**2
-        return KMeans(index, (centres * self.size + self.mean).astype(np.float32), status, float(error))
+        # What is missing in all vectors is 0 in all: no difference, so it need not be told apart.
+        whole = (finite | ~finite.any(axis=0)).all()
+        present = np.ones((1, vectors.shape[1]), np.float32) if whole else finite.astype(np.float32)
+        return cls((value / size).astype(np.float32), present, mean, size)
 
 
-def _nearest(points: _Points, centres: Float32) -> tuple[Index, Float32]:
-    """Index of the nearest centre and its squared distance, for every vector."""
-    count = len(points.value)
-    index, distance = np.empty(count, np.intp), np.empty(count, np.float32)
-    for start in range(0, count, step := max(_BLOCK // len(centres), 1)):
-        rows = slice(start, start + step)
-        found = points.distances(rows, centres)
-        index[rows] = found.argmin(axis=1)
-        distance[rows] = found.min(axis=1)
-    return index, distance
-
-
-def _seeds(points: _Points, count: int) -> Float32:
-    """Vectors drawn by their squared distance from those before: of several the one that leaves the least sum."""
-    rng = np.random.default_rng(_SEED)
-    every, last = slice(None), len(points.value) - 1
-    chosen = [int(rng.integers(last + 1))]
-    distance = points.distances(every, points.value[chosen])[:, 0]
-    for _ in range(count - 1):
-        total = np.cumsum(distance, dtype=np.float64)
-        drawn = np.minimum(np.searchsorted(total, rng.random(2 + count.bit_length()) * total[-1]), last)
-        trial = np.minimum(points.distances(every, points.value[drawn]), distance[:, None])
-        best = int(trial.sum(axis=0, dtype=np.float64).argmin())
-        chosen.append(int(drawn[best]))
-        distance = trial[:, best]
-    return points.value[chosen]
+def _error(vectors: Float32, centres: Float32) -> float:
+    finite = np.isfinite(vectors)
+    square = np.square(np.where(finite, vectors, centres) - centres, dtype=np.float64)
+    return float(square.sum() / max(finite.sum(), 1))

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from processing.products import Btf
 from processing.sbrdf.clusters import ClusterStatus, centre_count, cluster_hidden
 from processing.sbrdf.k_means import KMeansStatus, k_means, nearest_centre
+from processing.sbrdf.k_means_kernel import rounds, seed
 from processing.sbrdf.samples import Samples
+from tests.reference import k_means as plain
 from tests.reference.sbrdf_plus import directions
 
 LIGHTS, VIEWS, HEIGHT, WIDTH = 6, 5, 7, 9
@@ -176,3 +178,32 @@ def test_each_vector_has_the_nearest_centre(seed, count, width, holes):
         np.testing.assert_allclose(chosen, apart.min(axis=1), atol=1e-5 * max(width, 1))
     if count == 60 and not holes:
         assert found.error < 1e-12
+
+
+@pytest.mark.parametrize("holes", [False, True])
+@pytest.mark.parametrize("number", range(6))
+def test_loops_equal_their_plain_form(number, holes):
+    """Random values have no ties, so single precision and skipped comparisons change nothing but rounding."""
+    rng = np.random.default_rng(number)
+    count, width, k = rng.integers(2, 150), rng.integers(1, 40), rng.integers(1, 9)
+    present = (rng.uniform(size=(count if holes else 1, width)) < (0.8 if holes else 2.0)).astype(np.float32)
+    values = rng.normal(size=(count, width)).astype(np.float32) * present
+    every = np.broadcast_to(present, values.shape)
+    draws = rng.uniform(size=(k, 4))
+    chosen = seed(values, present, draws)
+    np.testing.assert_array_equal(chosen, plain.seed(values, every, draws))
+    centres, index = values[chosen], np.zeros(count, np.intp)
+    converged, left = rounds(values, present, centres, index, (30, 1e-4))
+    told = plain.rounds(values, every, values[chosen], (30, 1e-4))
+    np.testing.assert_allclose(centres, told[0], atol=1e-5)
+    np.testing.assert_array_equal(index, told[1])
+    assert converged == told[2]
+    np.testing.assert_allclose(left, told[3], rtol=1e-4)
+
+
+def test_seeds_leave_less_error_than_random_ones():
+    """Clumps of very different sizes: a start from random vectors misses the small ones."""
+    rng = np.random.default_rng(5)
+    clumps = np.repeat(np.arange(12), [400, *[5] * 11])
+    vectors = (rng.normal(size=(12, 20)) * 3)[clumps] + rng.normal(scale=0.1, size=(len(clumps), 20))
+    assert k_means(vectors.astype(np.float32), 12).error < 1.1 * 0.1**2

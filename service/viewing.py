@@ -6,7 +6,7 @@ from math import radians
 from pathlib import Path
 
 from processing.errors import ImageError
-from processing.products import FactoredBtf, Srf
+from processing.products import FactoredBtf, SbrdfPlus, Srf
 from render.environment import median_cut
 from render.environment_file import load_environment
 from render.errors import SceneError
@@ -43,6 +43,11 @@ SHAPES: dict[str, Callable[[], Mesh]] = {
     "vase": vase,
     "statue": statue,
 }
+MATERIALS: dict[str, Callable[[Path], Material]] = {
+    "srf": Srf.load,
+    "factored_btf": FactoredBtf.load,
+    "sbrdf_plus": SbrdfPlus.load,
+}
 MAPS = {
     "mdf": draw_displacements,
     "btf": draw_btf,
@@ -62,13 +67,11 @@ def kind_of(folder: Path) -> str:
 
 
 def load_material(folder: Path) -> Material:
-    """The SRF or factored BTF in a product folder. Raises ImageError where there is something else."""
+    """The material in a product folder. Raises ImageError where there is something else."""
     kind = kind_of(folder)
-    if kind == "srf":
-        return Srf.load(folder)
-    if kind == "factored_btf":
-        return FactoredBtf.load(folder)
-    raise ImageError(f"{folder}: a {kind} cannot be drawn on a shape; an srf or a factored_btf can.")
+    if kind not in MATERIALS:
+        raise ImageError(f"{folder}: a {kind} cannot be drawn on a shape; {', '.join(MATERIALS)} can.")
+    return MATERIALS[kind](folder)
 
 
 def is_skin(folder: Path) -> bool:

@@ -9,6 +9,7 @@ from rig.errors import StoreError
 from rig.sessions import Session, allowed, parse_plan
 from service.host import SessionHost
 from service.pictures import frame_png
+from service.pipeline.calibrations import SENSORS
 from service.problems import NotFoundError
 from service.routes.dependencies import Host
 
@@ -68,7 +69,7 @@ def read_frame(session_id: str, step: str, camera: str, host: Host) -> Response:
 
 def _products(folder: Path) -> list[str]:
     """Names of what was made; of sensors, one for each serial number, below a folder of their own."""
-    found = [*folder.glob("*/product.json"), *folder.glob("*/*/product.json")]
+    found = [*folder.glob("*/product.json"), *folder.glob(f"{SENSORS}/*/product.json")]
     return sorted(path.parent.relative_to(folder).as_posix() for path in found)
 
 

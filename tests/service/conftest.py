@@ -58,6 +58,14 @@ def client(simulated_rig, tmp_path) -> Iterator[TestClient]:
 
 
 @pytest.fixture
+def idle_client(shared_simulated_rig, tmp_path) -> Iterator[TestClient]:
+    """On the rig that all share: for what moves nothing and starts nothing."""
+    config = load_config(shared_simulated_rig.toml)
+    with TestClient(create_app(config, tmp_path / "sessions"), base_url=ORIGIN) as client:
+        yield client
+
+
+@pytest.fixture
 def wait_for(client) -> Callable[..., dict]:
     def wait(session: str, *states: str, timeout_s: float = 60.0) -> dict:
         deadline = time.monotonic() + timeout_s

@@ -37,8 +37,8 @@ def problem(reply, status, code):
     return body["detail"]
 
 
-def test_devices_are_those_of_the_rig(client):
-    devices = client.get(f"{API}/devices").json()
+def test_devices_are_those_of_the_rig(idle_client):
+    devices = idle_client.get(f"{API}/devices").json()
     assert set(devices["axes"]) == {"arm", "light_arc", "turntable"}
     assert devices["held_by"] is None
 
@@ -49,23 +49,23 @@ def test_an_axis_goes_where_it_is_sent_and_says_so(client, simulated_rig):
     assert simulated_rig.control("status")["axes"]["turntable"]["deg"] == pytest.approx(12.5, abs=0.05)
 
 
-def test_unknown_devices_and_angles_out_of_range_move_nothing(client, simulated_rig):
-    before = simulated_rig.control("status")["axes"]
-    assert "turntable" in problem(client.get(f"{API}/devices/axes/tilt"), 404, "unknown-device")
-    reply = client.post(f"{API}/devices/axes/turntable/moves", json={"angle_deg": 500})
+def test_unknown_devices_and_angles_out_of_range_move_nothing(idle_client, shared_simulated_rig):
+    before = shared_simulated_rig.control("status")["axes"]
+    assert "turntable" in problem(idle_client.get(f"{API}/devices/axes/tilt"), 404, "unknown-device")
+    reply = idle_client.post(f"{API}/devices/axes/turntable/moves", json={"angle_deg": 500})
     assert "-200 to 200" in problem(reply, 422, "out-of-range")
-    reply = client.post(f"{API}/devices/axes/light_arc/moves", json={"angle_deg": 0})
+    reply = idle_client.post(f"{API}/devices/axes/light_arc/moves", json={"angle_deg": 0})
     problem(reply, 422, "interlock")
-    problem(client.post(f"{API}/devices/axes/turntable/moves", json={"angle": 5}), 422, "malformed-request")
-    assert simulated_rig.control("status")["axes"] == before
+    problem(idle_client.post(f"{API}/devices/axes/turntable/moves", json={"angle": 5}), 422, "malformed-request")
+    assert shared_simulated_rig.control("status")["axes"] == before
 
 
-def test_a_plan_is_checked_and_forecast_without_a_session(client):
-    found = client.post(f"{API}/plans/validate?steps=true", json=SMALL_BTF).json()
+def test_a_plan_is_checked_and_forecast_without_a_session(idle_client):
+    found = idle_client.post(f"{API}/plans/validate?steps=true", json=SMALL_BTF).json()
     assert found["steps"] == len(found["dry_run"]) == 4
     assert found["forecast"]["frames"] == 8
     assert found["forecast"]["time_s"] > found["forecast"]["lower_bound_s"] > 0
-    assert client.get(f"{API}/sessions").json() == []
+    assert idle_client.get(f"{API}/sessions").json() == []
 
 
 @pytest.mark.parametrize(
@@ -78,10 +78,10 @@ def test_a_plan_is_checked_and_forecast_without_a_session(client):
         ({"kind": "video"}, 422, "impossible-plan", "kind"),
     ],
 )
-def test_an_impossible_plan_never_becomes_a_session(client, change, status, code, named):
+def test_an_impossible_plan_never_becomes_a_session(idle_client, change, status, code, named):
     for path in ("plans/validate", "sessions"):
-        assert named in problem(client.post(f"{API}/{path}", json=SMALL_BTF | change), status, code)
-    assert client.get(f"{API}/sessions").json() == []
+        assert named in problem(idle_client.post(f"{API}/{path}", json=SMALL_BTF | change), status, code)
+    assert idle_client.get(f"{API}/sessions").json() == []
 
 
 def test_a_session_tells_the_exposure_that_a_test_sweep_chose(client, start_session):
@@ -252,27 +252,29 @@ def process(client, session, **body):
     assert read["state"] == "finished", read
 
 
-def test_a_product_is_shown_under_any_light(client, tmp_path):
+def test_a_product_is_shown_under_any_light(idle_client, tmp_path):
     """The same SRF from two lights gives two pictures of the size that was asked for."""
     folder = tmp_path / "sessions" / "old"
-    with Session.create(folder, parse_plan(SMALL_BTF), client.app.state.host.config) as session:
+    with Session.create(folder, parse_plan(SMALL_BTF), idle_client.app.state.host.config) as session:
         residual = np.zeros((3, 8, 8, 3), np.float32)
         Srf(residual, BlinnPhong(np.full(3, 0.2), np.full(3, 0.1), 20.0), wrap=True).save(session.products / "srf")
     pictures = []
     for azimuth_deg in (0, 90):
         look = {"shape": "sphere", "size": 64, "azimuth_deg": azimuth_deg}
-        reply = client.get(f"{API}/sessions/old/products/srf/picture.png", params=look)
+        reply = idle_client.get(f"{API}/sessions/old/products/srf/picture.png", params=look)
         assert reply.status_code == 200, reply.text
         pictures.append(np.asarray(Image.open(io.BytesIO(reply.content)), float))
     assert pictures[0].shape == (64, 64, 3)
     assert np.abs(pictures[0] - pictures[1]).max() > 50
 
 
-def test_a_session_with_steps_to_take_is_not_processed(client):
-    with Session.create(client.app.state.host.folder / "new", parse_plan(CALIBRATE), client.app.state.host.config):
+def test_a_session_with_steps_to_take_is_not_processed(idle_client):
+    with Session.create(
+        idle_client.app.state.host.folder / "new", parse_plan(CALIBRATE), idle_client.app.state.host.config
+    ):
         pass
-    job = client.post(f"{API}/sessions/new/process", json={}).headers["location"]
-    while (read := client.get(job).json())["state"] in ("waiting", "running"):
+    job = idle_client.post(f"{API}/sessions/new/process", json={}).headers["location"]
+    while (read := idle_client.get(job).json())["state"] in ("waiting", "running"):
         time.sleep(0.01)
     assert read["problem"]["code"] == "wrong-state"
     assert "4 of 4 steps" in read["problem"]["detail"]
@@ -288,12 +290,12 @@ def test_a_job_without_its_calibration_fails_with_its_problem(client, start_sess
     assert read["problem"]["code"] == "cannot-calibrate"
 
 
-def test_the_start_page_uses_only_what_the_interface_offers(client):
-    page = client.get("/").text
+def test_the_start_page_uses_only_what_the_interface_offers(idle_client):
+    page = idle_client.get("/").text
     assert "WebSocket" in page
     assert "/api/v1/plans/schema" in page
 
 
-def test_the_interface_is_the_one_that_is_checked_in(client):
+def test_the_interface_is_the_one_that_is_checked_in(idle_client):
     """A change of the REST interface shows in the diff: regenerate with `python -m service.openapi`."""
-    assert client.get(f"{API}/openapi.json").json() == json.loads(ROOT_OPENAPI.read_text())
+    assert idle_client.get(f"{API}/openapi.json").json() == json.loads(ROOT_OPENAPI.read_text())

@@ -1,5 +1,7 @@
 """Pictures of materials under an environment, as `rig preview --environment` draws them."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from typer.testing import CliRunner
 
 from render.errors import SceneError
 from service.cli import app
+from service.routes.sessions import _products
 from service.viewing import ENVIRONMENT_LIGHTS, draw_product, lights_of
 from tests.render import synthetic
 
@@ -49,3 +52,23 @@ def test_folder_of_pictures_has_a_light_of_its_own(product, sky, tmp_path):
     with pytest.raises(SceneError, match="not a folder"):
         draw_product(product, tmp_path / "all", "", lights_of(0.0, 0.0, sky), 48)
     assert not (tmp_path / "all").exists()
+
+
+def test_sbrdf_plus_is_drawn_on_any_shape(tmp_path):
+    synthetic.weave((8, 8)).save(tmp_path / "sbrdf_plus")
+    pictures = []
+    for shape in ("", "statue"):
+        arguments = ["preview", str(tmp_path / "sbrdf_plus"), "--out", str(tmp_path / "one.png"), "--size", "48"]
+        result = CliRunner().invoke(app, [*arguments, *(["--shape", shape] if shape else [])])
+        assert result.exit_code == 0, result.output
+        with Image.open(tmp_path / "one.png") as image:
+            pictures.append(np.asarray(image, np.float64))
+    assert all(picture.std() > 10 for picture in pictures)  # something is there and it is not flat
+    assert np.abs(pictures[0] - pictures[1]).mean() > 10
+
+
+def test_levels_of_an_sbrdf_plus_are_no_products_of_their_own(tmp_path):
+    folder = tmp_path / "products"
+    weave = synthetic.weave((8, 8))
+    replace(weave, coarser=(synthetic.weave((4, 4)),)).save(folder / "sbrdf_plus")
+    assert _products(folder) == ["sbrdf_plus"]

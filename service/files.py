@@ -45,6 +45,16 @@ def filled(folder: Path) -> Iterator[Path]:
             written.replace(target)
 
 
+def check_new(folder: Path) -> None:
+    """Raises FileExistsError where something lies there already, FileNotFoundError as `check_folder`.
+
+    For results whose files do not mix with earlier ones: an array store of another shape, levels of another number.
+    """
+    check_folder(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise FileExistsError(errno.EEXIST, "exists and is not empty; nothing was overwritten", str(folder))
+
+
 def check_folder(out: Path) -> None:
     """Raises FileNotFoundError where the folder for `out` is missing: before anything is computed for it."""
     if not out.parent.is_dir():

@@ -1,7 +1,7 @@
 """The measured bidirectional texture function and its store on disk."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,21 +57,10 @@ class Btf:
         Raises ImageError for a value beyond the range of float16.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        shape = self.reflectance.shape
         if np.nanmax(np.abs(self.reflectance), initial=0.0) > _LARGEST_HALF:
             raise ImageError(f"{folder}: a reflectance lies beyond {_LARGEST_HALF:g}, which float16 cannot hold")
-        chunks = _chunks(shape)
-        shards = (*chunks[:2], *(math.ceil(n / c) * c for n, c in zip(shape[2:], chunks[2:], strict=True)))
-        store: Any = zarr.create_array(
-            store=folder / _STORE, shape=shape, chunks=chunks, shards=shards, dtype="float16", overwrite=True,
-            fill_value=math.nan,  # a shard that got lost is not measured, not black
-        )  # fmt: skip
-        for lights in _spans(shape[0], chunks[0]):
-            for views in _spans(shape[1], chunks[1]):
-                store[lights, views] = self.reflectance[lights, views].astype(np.float16)
-        np.savez(folder / "directions.npz", light=self.light_directions, view=self.view_directions)
-        content = {"store": _STORE, "directions": "directions.npz", "axes": "light view y x channel"}
-        write_description(folder, KIND, content, self.provenance)
+        write_blocks(folder, self.shape, lambda lights, views: self.reflectance[lights, views])
+        describe(folder, (self.light_directions, self.view_directions), self.provenance)
 
     @classmethod
     def load(cls, folder: Path) -> "Btf":
@@ -125,6 +114,30 @@ class StoredBtf:
     def row_spans(self) -> Iterator[slice]:
         """Spans of rows that follow the chunks, so that each chunk is read once."""
         return _spans(self.shape[2], self.array.chunks[2])
+
+
+def write_blocks(folder: Path, shape: tuple[int, ...], block: Callable[[slice, slice], Float32]) -> None:
+    """Write btf.zarr from blocks that are asked for one after another, so that a BTF need not fit into memory.
+
+    `block(lights, views)` is (light, view, y, x, channel) for at most 8 lights and 8 views. `describe` makes the folder
+    a product.
+    """
+    chunks = _chunks(shape)
+    shards = (*chunks[:2], *(math.ceil(n / c) * c for n, c in zip(shape[2:], chunks[2:], strict=True)))
+    store: Any = zarr.create_array(
+        store=folder / _STORE, shape=shape, chunks=chunks, shards=shards, dtype="float16", overwrite=True,
+        fill_value=math.nan,  # a shard that got lost is not measured, not black
+    )  # fmt: skip
+    for lights in _spans(shape[0], chunks[0]):
+        for views in _spans(shape[1], chunks[1]):
+            store[lights, views] = block(lights, views).astype(np.float16)
+
+
+def describe(folder: Path, directions: tuple[Float64, Float64], provenance: Provenance) -> None:
+    """Write the directions to the lights and to the views, and product.json, beside btf.zarr."""
+    np.savez(folder / "directions.npz", light=directions[0], view=directions[1])
+    content = {"store": _STORE, "directions": "directions.npz", "axes": "light view y x channel"}
+    write_description(folder, KIND, content, provenance)
 
 
 def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:

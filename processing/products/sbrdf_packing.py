@@ -134,7 +134,8 @@ class PackedMaps:
 def pack(maps: SbrdfMaps) -> PackedMaps:
     """The texture. Missing shadows count as lit, missing shifts and values as 0.
 
-    Shifts wrap, as the texture does: what is unpacked lies within half a tile. Centres are coded by their square roots.
+    Shifts wrap, as the texture does: what is unpacked lies within half a tile. Centres are coded by their cube
+    roots: highlights are a hundred times as bright as the rest, which square roots leave too few codes for.
     Raises ImageError for more centres than there is room for, and for a hidden point whose centre there is not.
     """
     layout, scale = maps.layout, _scale(maps.centres)
@@ -142,7 +143,7 @@ def pack(maps: SbrdfMaps) -> PackedMaps:
     texture = np.zeros((*layout.shape, 4), np.uint8)
     texture[(*_map_places(layout, layout.lights), 0)] = _bytes(np.nan_to_num(maps.shadow, nan=1.0))
     texture[(*_map_places(layout, layout.views), slice(1, 4))] = _view_codes(maps)
-    root = np.sqrt(np.clip(np.nan_to_num(maps.centres) / scale, 0, 1))
+    root = np.cbrt(np.clip(np.nan_to_num(maps.centres) / scale, 0, 1))
     texture[(*_centre_places(layout, len(root)), slice(0, 3))] = _bytes(root)
     return PackedMaps(texture, layout, len(root), scale)
 
@@ -161,7 +162,7 @@ def unpack(packed: PackedMaps) -> SbrdfMaps:
     cluster = np.where(hidden, codes[..., 0] * np.uint16(_CODES) + codes[..., 1], 0).astype(np.uint16)
     shift = np.where(hidden[..., None], 0, _shift(codes[..., :2], layout)).astype(np.float32)
     root = texture[(*_centre_places(layout, packed.centres), slice(0, 3))] / 255.0
-    maps = SbrdfMaps(shadow, shift, hidden, cluster, (root * root * packed.scale).astype(np.float32))
+    maps = SbrdfMaps(shadow, shift, hidden, cluster, (root**3 * packed.scale).astype(np.float32))
     _check_centres(maps)
     return maps
 

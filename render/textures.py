@@ -39,10 +39,17 @@ def table(context: moderngl.Context, values: Rows) -> moderngl.Texture:
 
 
 def direction_tables(context: moderngl.Context, name: str, mesh: DirectionMesh) -> dict[str, moderngl.Texture]:
-    """Cells (64, 64) of triangle numbers; per triangle its three indices and corners in a row of three texels."""
-    corners = mesh.directions[:, :2][mesh.triangles]
-    row = np.concatenate([corners, mesh.triangles[:, :, None], np.zeros((*mesh.triangles.shape, 1))], axis=2)
-    return {
-        f"{name}_cells": table(context, mesh.cells[:, :, None]),
-        f"{name}_triangles": table(context, row),
-    }
+    """Cells (64, 64) of region numbers; a region is a row of four texels, as directions.glsl reads them."""
+    regions = mesh.regions
+    count = len(regions.corners)
+    zeros = np.zeros((count, 1))
+    row = np.stack(
+        [
+            np.hstack([regions.origin, regions.counted]),
+            regions.slopes.reshape(count, 4),
+            np.hstack([regions.corners, zeros]),
+            np.hstack([regions.beyond, zeros]),
+        ],
+        axis=1,
+    )
+    return {f"{name}_cells": table(context, mesh.cells[:, :, None]), f"{name}_regions": table(context, row)}

@@ -5,9 +5,9 @@
 uniform sampler2DArray eigenmaps;   // layer k * lights + light
 uniform sampler2D view_weights;     // column view, row k
 uniform sampler2D light_cells;
-uniform sampler2D light_triangles;
+uniform sampler2D light_regions;
 uniform sampler2D view_cells;
-uniform sampler2D view_triangles;
+uniform sampler2D view_regions;
 uniform int rank;
 uniform int lights;
 
@@ -18,14 +18,14 @@ struct Material {
 
 Material material_at(vec2 uv, vec3 view) {
     Taps taps = bilinear_taps(uv, vec2(textureSize(eigenmaps, 0).xy), true);
-    return Material(taps, direction_corners(view_cells, view_triangles, view));
+    return Material(taps, direction_corners(view_cells, view_regions, view));
 }
 
 vec3 outgoing(Material here, vec3 light) {
     if (light.z <= 0.0) {
         return vec3(0.0);
     }
-    Corners lit = direction_corners(light_cells, light_triangles, light);
+    Corners lit = direction_corners(light_cells, light_regions, light);
     Corners seen = here.seen;
     vec3 total = vec3(0.0);
     for (int k = 0; k < rank; ++k) {

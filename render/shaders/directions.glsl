@@ -5,24 +5,33 @@ struct Corners {
     vec3 weights;
 };
 
-float cross_2d(vec2 a, vec2 b) {
-    return a.x * b.y - a.y * b.x;
-}
+// Steps from the region of a cell's middle to that of a point of the cell; few sets of directions ask for three.
+const int STEPS = 12;
 
-Corners direction_corners(sampler2D cells, sampler2D triangles, vec3 direction) {
+Corners direction_corners(sampler2D cells, sampler2D regions, vec3 direction) {
     int size = textureSize(cells, 0).x;
-    // Halves of the table apart, so that the product is exact and the cell the same as in float64.
-    ivec2 cell = ivec2(floor(direction.xy * (0.5 * float(size)))) + size / 2;
-    int triangle = int(texelFetch(cells, clamp(cell, 0, size - 1), 0).r);
-    vec3 a = texelFetch(triangles, ivec2(0, triangle), 0).xyz;
-    vec3 b = texelFetch(triangles, ivec2(1, triangle), 0).xyz;
-    vec3 c = texelFetch(triangles, ivec2(2, triangle), 0).xyz;
-    float area = cross_2d(b.xy - a.xy, c.xy - a.xy);
-    float second = cross_2d(direction.xy - a.xy, c.xy - a.xy) / area;
-    float third = cross_2d(b.xy - a.xy, direction.xy - a.xy) / area;
-    vec3 weights = max(vec3(1.0 - second - third, second, third), 0.0);
+    ivec2 cell = ivec2(floor((direction.xy + 1.0) * (0.5 * float(size))));
+    int region = int(texelFetch(cells, clamp(cell, 0, size - 1), 0).r);
+    vec3 tests;
+    vec2 counted;
+    for (int i = 0; i < STEPS; ++i) {
+        vec4 place = texelFetch(regions, ivec2(0, region), 0);
+        vec4 slopes = texelFetch(regions, ivec2(1, region), 0);
+        vec2 q = direction.xy - place.xy;
+        counted = place.zw;
+        tests.yz = vec2(dot(slopes.xy, q), dot(slopes.zw, q));
+        tests.x = 1.0 - dot(tests.yz, counted);
+        // On a border rounding would send a point to and fro.
+        float worst = min(min(tests.x, tests.y), tests.z);
+        if (worst >= -1e-6) {
+            break;
+        }
+        vec4 beyond = texelFetch(regions, ivec2(3, region), 0);
+        region = int(worst == tests.x ? beyond.x : worst == tests.y ? beyond.y : beyond.z);
+    }
+    vec3 weights = max(tests * vec3(1.0, counted), 0.0);
     Corners corners;
-    corners.indices = ivec3(int(a.z), int(b.z), int(c.z));
+    corners.indices = ivec3(texelFetch(regions, ivec2(2, region), 0).xyz);
     corners.weights = weights / (weights.x + weights.y + weights.z);
     return corners;
 }

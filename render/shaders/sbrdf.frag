@@ -1,5 +1,5 @@
 // Lobes times shadow of the points seen from the top, centres of hidden ones (processing.products.SbrdfPlus.evaluate).
-// LOBES is the largest number of lobes of a texel. Both sets of directions are triangulated.
+// LOBES is the largest number of lobes of a texel.
 #include "bilinear.glsl"
 #include "directions.glsl"
 #include "lobe.glsl"
@@ -10,9 +10,9 @@ uniform sampler2DArray shadow;     // layer light
 uniform sampler2DArray lobes;      // a layer of C and n for each lobe, then all colours, of the lobes and the diffuse one
 uniform sampler2D centres;         // row centre, column light
 uniform sampler2D light_cells;
-uniform sampler2D light_triangles;
+uniform sampler2D light_regions;
 uniform sampler2D view_cells;
-uniform sampler2D view_triangles;
+uniform sampler2D view_regions;
 
 const float HIDDEN = 1048576.0;    // float32 still tells whole numbers up to 16 times as many
 const int COLOURS = (3 * LOBES + 6) / 4;
@@ -77,7 +77,7 @@ void look(inout Material here, inout vec2 way, int i) {
 Material material_at(vec2 uv, vec3 view) {
     Material here;
     here.above = view.z > 0.0;
-    here.seen = direction_corners(view_cells, view_triangles, view);
+    here.seen = direction_corners(view_cells, view_regions, view);
     here.taps = bilinear_taps(uv, texel_size(), true);
     here.hidden = 0;
     here.share = 0.0;
@@ -120,7 +120,7 @@ vec3 unseen(Material here, Corners lit) {
 }
 
 vec3 outgoing(Material here, vec3 light) {
-    Corners lit = direction_corners(light_cells, light_triangles, light);
+    Corners lit = direction_corners(light_cells, light_regions, light);
     vec4 open = lit.weights.x * textureLod(shadow, vec3(here.moved.low, float(lit.indices.x)), 0.0)
               + lit.weights.y * textureLod(shadow, vec3(here.moved.low, float(lit.indices.y)), 0.0)
               + lit.weights.z * textureLod(shadow, vec3(here.moved.low, float(lit.indices.z)), 0.0);

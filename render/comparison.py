@@ -27,8 +27,9 @@ def gl_vs_reference(
 ) -> float:
     """Largest relative error of the shader over all pixels and lights, against `outgoing` in float64.
 
-    Both sides get exactly the texture coordinates, light and view that the shader had; errors count relative to the
-    value, or to a thousandth of the peak where the value is smaller. Raises GlUnavailableError where there is no GL.
+    Both sides get exactly the texture coordinates, footprint, light and view that the shader had; errors count relative
+    to the value, or to a thousandth of the peak where the value is smaller. Raises GlUnavailableError where there is no
+    GL.
     """
     camera = framed(mesh, size, azimuth_rad=np.radians(-35.0), elevation_rad=np.radians(35.0))
     scene = Scene(mesh, material, camera, lights[:1])
@@ -48,6 +49,7 @@ def relative_error(value: Rows, reference: Rows) -> Float64:
 
 def _error(renderer: GlRenderer, scene: Scene, each: Light) -> float:
     drawn = renderer.g_buffer(scene, each)
-    inputs = (rows[drawn.mask].astype(np.float64) for rows in (drawn.uv, drawn.light, drawn.view))
+    shared = (drawn.uv, drawn.light, drawn.view, drawn.footprint)
+    inputs = (rows[drawn.mask].astype(np.float64) for rows in shared)
     reference = outgoing(scene.material, *inputs)
     return float(relative_error(drawn.radiance[drawn.mask], reference).max(initial=0.0))

@@ -4,6 +4,7 @@ A further material is one module, one shader and one line here.
 """
 
 from types import ModuleType
+from typing import TypeGuard
 
 import moderngl
 
@@ -25,13 +26,22 @@ def upload(context: moderngl.Context, material: Material) -> Binding:
     return binding
 
 
-def outgoing(material: Material, uv: Rows, light: Rows, view: Rows) -> Float64:
+def outgoing(material: Material, uv: Rows, light: Rows, view: Rows, footprint: Rows | None = None) -> Float64:
     """Radiance (n, 3) for unit irradiance at normal incidence.
 
     `uv` (n, 2); `light` and `view` (n, 3) are unit vectors in the tangent frame. The cosine to the light is inside.
+    `footprint` (n, 2, 2), how `uv` changes to the next pixel right and below, is for materials that have levels; left
+    out, a point of the finest one is asked.
     """
+    if has_levels(material):
+        return sbrdf.outgoing(material, uv, light, view, footprint)
     radiance: Float64 = _module(material).outgoing(material, uv, light, view)
     return radiance
+
+
+def has_levels(material: Material) -> TypeGuard[SbrdfPlus]:
+    """Whether the material is drawn differently where a pixel covers much of it."""
+    return isinstance(material, SbrdfPlus) and bool(material.coarser)
 
 
 def _module(material: Material) -> ModuleType:

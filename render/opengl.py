@@ -39,13 +39,15 @@ Held = TypeVar("Held", bound=_OnCard)
 class GBuffer:
     """One light of unit irradiance: `radiance` (h, w, 3) and what it was computed from, where `mask` (h, w) is set.
 
-    `uv` (h, w, 2) and the unit vectors `light` and `view` (h, w, 3) in the tangent frame.
+    `uv` (h, w, 2) and the unit vectors `light` and `view` (h, w, 3) in the tangent frame; `footprint` (h, w, 2, 2), how
+    texture coordinates change to the next pixel right and below.
     """
 
     radiance: Float32
     uv: Float32
     light: Float32
     view: Float32
+    footprint: Float32
     mask: Bool
 
 
@@ -119,10 +121,12 @@ class GlRenderer:
     def g_buffer(self, scene: Scene, light: Light) -> GBuffer:
         """Shader results for one light of unit irradiance, with the inputs that the shader had."""
         with self.context:
-            target = self._target(scene.camera.size, 4)
+            target = self._target(scene.camera.size, 5)
             self._draw(replace(scene, lights=(light,)), frozenset({"G_BUFFER"}), target)
-            radiance, uv, local, view = (_image(target, k, scene.camera) for k in range(4))
-        return GBuffer(radiance[:, :, :3], uv[:, :, :2], local[:, :, :3], view[:, :, :3], radiance[:, :, 3] > 0.5)
+            radiance, uv, local, view, footprint = (_image(target, k, scene.camera) for k in range(5))
+        footprint = footprint.reshape(*footprint.shape[:2], 2, 2)
+        mask = radiance[:, :, 3] > 0.5
+        return GBuffer(radiance[:, :, :3], uv[:, :, :2], local[:, :, :3], view[:, :, :3], footprint, mask)
 
     def release(self) -> None:
         """Give everything on the card back, the context last."""
@@ -196,9 +200,9 @@ def _passes(scene: Scene) -> Iterator[Scene]:
 
 def _set_scene(program: moderngl.Program, scene: Scene) -> None:
     near, far = depth_range(scene.camera, scene.mesh.positions)
-    _set_matrix(program, "clip_from_world", clip_from_world(scene.camera, near, far))
+    set_uniform(program, "clip_from_world", _by_columns(clip_from_world(scene.camera, near, far)))
     if scene.mesh.map_from_world is not None:
-        _set_matrix(program, "map_from_world", scene.mesh.map_from_world)
+        set_uniform(program, "map_from_world", _by_columns(scene.mesh.map_from_world))
     set_uniform(program, "eye", tuple(map(float, scene.camera.eye)))
     directions, irradiances = np.zeros((2, _LIGHTS + 1, 3), dtype=np.float32)
     lights = scene.lights
@@ -207,20 +211,13 @@ def _set_scene(program: moderngl.Program, scene: Scene) -> None:
     irradiances[: len(lights)] = [light.irradiance for light in lights]
     irradiances[len(lights)] = scene.ambient
     set_uniform(program, "light_count", len(lights) + any(scene.ambient))
-    _write(program, "light_direction", directions)
-    _write(program, "light_irradiance", irradiances)
+    set_uniform(program, "light_direction", directions)
+    set_uniform(program, "light_irradiance", irradiances)
 
 
-def _set_matrix(program: moderngl.Program, name: str, matrix: Rows) -> None:
-    """Matrices are written column by column."""
-    _write(program, name, matrix.T.astype(np.float32))
-
-
-def _write(program: moderngl.Program, name: str, values: Rows) -> None:
-    member = program.get(name, None)
-    if isinstance(member, moderngl.Uniform):
-        # The linker may have cut the array after the last element that is read.
-        member.write(np.ascontiguousarray(values).tobytes()[: 4 * member.array_length * member.dimension])
+def _by_columns(matrix: Rows) -> Float32:
+    """A matrix as it is written to the card."""
+    return matrix.T.astype(np.float32)
 
 
 def _image(target: _Target, attachment: int, camera: Camera) -> Float32:

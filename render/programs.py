@@ -6,10 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import moderngl
+import numpy as np
 
+from render.arrays import Float32
 from render.errors import ShaderError
 
 SHADERS = Path(__file__).parent / "shaders"
+# A number, a vector, or float32 as they are written to the card: a matrix or an array of vectors.
+Value = float | tuple[float, ...] | Float32
 _VERSION = "#version 330 core"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 # Lines are numbered from a multiple of this, another one for each file: Mesa loses the source number of most errors.
@@ -27,7 +31,7 @@ class Binding:
 
     shader: str
     textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]
-    values: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
+    values: Mapping[str, Value] = field(default_factory=dict)
     defines: frozenset[str] = frozenset()
 
     def use(self, program: moderngl.Program) -> None:
@@ -44,10 +48,15 @@ class Binding:
             texture.release()
 
 
-def set_uniform(program: moderngl.Program, name: str, value: float | tuple[float, ...]) -> None:
+def set_uniform(program: moderngl.Program, name: str, value: Value) -> None:
     """Set a uniform unless the linker has removed it because the shader's variant does not read it."""
     member = program.get(name, None)
-    if isinstance(member, moderngl.Uniform):
+    if not isinstance(member, moderngl.Uniform):
+        return
+    if isinstance(value, np.ndarray):
+        # The linker may have cut the array after the last element that is read.
+        member.write(np.ascontiguousarray(value).tobytes()[: 4 * member.array_length * member.dimension])
+    else:
         member.value = value
 
 

@@ -1,7 +1,7 @@
 """A z-buffer rasteriser in NumPy: which triangle each pixel sees, and where in it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,17 @@ class Fragments:
         """Values per vertex (vertices, c) at the fragments, (n, c)."""
         corners = values[mesh.triangles[self.triangle]]
         return np.asarray(np.einsum("nk,nkc->nc", self.barycentric, corners))
+
+    def next_pixels(self, mesh: Mesh, camera: Camera) -> tuple["Fragments", "Fragments"]:
+        """Where the planes of the same triangles are seen one pixel to the right, and one below."""
+        corners = (camera.in_camera(mesh.positions) @ camera.matrix.T)[mesh.triangles[self.triangle]]
+        edges = np.linalg.inv(np.swapaxes(corners, 1, 2))
+        right, below = (self._at(self.barycentric / self.depth[:, None] + edges[:, :, k]) for k in range(2))
+        return right, below
+
+    def _at(self, over_depth: Float64) -> "Fragments":
+        one_over_depth = over_depth.sum(axis=1)
+        return replace(self, barycentric=over_depth / one_over_depth[:, None], depth=1.0 / one_over_depth)
 
 
 def rasterise(mesh: Mesh, camera: Camera) -> Fragments:

@@ -5,7 +5,7 @@ import numpy as np
 from render.arrays import Float64, Rows, unit
 from render.camera import Camera
 from render.frames import gradient_frames, vertex_frames
-from render.materials import outgoing
+from render.materials import has_levels, outgoing
 from render.mesh import Mesh
 from render.picture import Picture
 from render.rasteriser import Fragments, rasterise
@@ -40,27 +40,40 @@ class ReferenceRenderer:
 def shade(scene: Scene, fragments: Fragments) -> Float64:
     """Radiance (n, 3) of the fragments under all lights."""
     uv, frames, view = surface(scene.mesh, scene.camera, fragments)
+    footprint = footprints(scene.mesh, scene.camera, fragments) if has_levels(scene.material) else None
     radiance = np.zeros((len(uv), 3))
     for start in range(0, len(uv), _CHUNK):
         part = slice(start, start + _CHUNK)
+        covered = None if footprint is None else footprint[part]
         for light in scene.lights:
             local = unit(frames[part] @ light.direction)
-            radiance[part] += light.irradiance * outgoing(scene.material, uv[part], local, view[part])
+            radiance[part] += light.irradiance * outgoing(scene.material, uv[part], local, view[part], covered)
         if any(scene.ambient):
             straight = np.broadcast_to([0.0, 0.0, 1.0], view[part].shape)
-            radiance[part] += np.array(scene.ambient) * outgoing(scene.material, uv[part], straight, view[part])
+            glow = outgoing(scene.material, uv[part], straight, view[part], covered)
+            radiance[part] += np.array(scene.ambient) * glow
     return radiance
 
 
 def surface(mesh: Mesh, camera: Camera, fragments: Fragments) -> tuple[Float64, Float64, Float64]:
     """Texture coordinates (n, 2), rows t, b, n (n, 3, 3) in the world frame, and the view in that frame (n, 3)."""
+    uv, frames = _textured(mesh, fragments)
+    return uv, frames, unit(_rotated(frames, camera.eye - fragments.interpolate(mesh, mesh.positions)))
+
+
+def footprints(mesh: Mesh, camera: Camera, fragments: Fragments) -> Float64:
+    """How texture coordinates change to the next pixel right and below on the same triangle, (n, 2, 2)."""
+    here, _ = _textured(mesh, fragments)
+    ways = [_textured(mesh, moved)[0] - here for moved in fragments.next_pixels(mesh, camera)]
+    return np.stack(ways, axis=1)
+
+
+def _textured(mesh: Mesh, fragments: Fragments) -> tuple[Float64, Float64]:
+    """Texture coordinates (n, 2) and rows t, b, n (n, 3, 3) in the world frame."""
     normal = fragments.interpolate(mesh, mesh.normals)
     if mesh.map_from_world is not None:
-        uv, frames = gradient_frames(normal, mesh.map_from_world)
-    else:
-        uv = fragments.interpolate(mesh, mesh.uv)
-        frames = vertex_frames(normal, fragments.interpolate(mesh, mesh.tangents))
-    return uv, frames, unit(_rotated(frames, camera.eye - fragments.interpolate(mesh, mesh.positions)))
+        return gradient_frames(normal, mesh.map_from_world)
+    return fragments.interpolate(mesh, mesh.uv), vertex_frames(normal, fragments.interpolate(mesh, mesh.tangents))
 
 
 def _rotated(frames: Rows, vectors: Rows) -> Float64:

@@ -1,5 +1,7 @@
 """Float textures whose nearest texel is read: the shaders filter by hand, since hardware filters with 8-bit weights."""
 
+from typing import TypeVar
+
 import moderngl
 import numpy as np
 
@@ -7,9 +9,15 @@ from processing.products import DirectionMesh
 from render.arrays import Rows
 from render.errors import MaterialError
 
+_MOST_REGIONS = 1 << 10
+Sampled = TypeVar("Sampled", moderngl.Texture, moderngl.TextureArray)
+
 
 def texture_array(context: moderngl.Context, layers: Rows, what: str, *, wrap: bool = True) -> moderngl.TextureArray:
-    """Layers (layer, y, x, 3 or 4) as float32, which repeat or end; raises MaterialError where there is no room."""
+    """Layers (layer, y, x, 3 or 4) as float32, or uint32 if they are, which repeat or end.
+
+    Raises MaterialError where there is no room.
+    """
     count, height, width, channels = layers.shape
     if channels not in (3, 4):
         raise MaterialError(f"{what}: {channels} channels, the preview draws 3")
@@ -20,36 +28,65 @@ def texture_array(context: moderngl.Context, layers: Rows, what: str, *, wrap: b
         if value > context.info[limit]:
             raise MaterialError(f"{what}: {value} {unit}, the graphics library takes {context.info[limit]}")
     # Four components lie on whole words: a fetch of three was measured to cost a quarter more.
-    data = np.zeros((count, height, width, 4), dtype=np.float32)
+    data = np.zeros((count, height, width, 4), dtype=_dtype(layers))
     data[..., :channels] = layers
-    texture = context.texture_array((width, height, count), 4, data.tobytes(), dtype="f4", alignment=1)
+    size = (width, height, count)
+    return _nearest(context.texture_array(size, 4, data.tobytes(), dtype=_name(data), alignment=1), wrap=wrap)
+
+
+def table(context: moderngl.Context, values: Rows) -> moderngl.Texture:
+    """A table (row, column, component) as a float32 texture, or uint32 if it is one.
+
+    Whole numbers up to 2^24 stay exact. Like textures it is read at the middle of a texel, which costs less than by
+    texelFetch.
+    """
+    height, width, components = values.shape
+    limit = context.info["GL_MAX_TEXTURE_SIZE"]
+    if max(height, width) > limit:
+        raise MaterialError(f"a table of {height} x {width} numbers: the graphics library takes {limit} a side")
+    data = np.ascontiguousarray(values, dtype=_dtype(values))
+    size = (width, height)
+    return _nearest(context.texture(size, components, data.tobytes(), dtype=_name(data), alignment=1), wrap=False)
+
+
+def direction_tables(context: moderngl.Context, name: str, mesh: DirectionMesh) -> dict[str, moderngl.Texture]:
+    """Cells of region numbers, and regions, a row of two texels each, as directions.glsl reads them.
+
+    Raises MaterialError for more directions or regions than their ten bits tell.
+    """
+    regions = mesh.regions
+    if max(len(regions.corners), len(mesh.directions)) > _MOST_REGIONS:
+        raise MaterialError(f"{len(mesh.directions)} directions: the preview takes at most some {_MOST_REGIONS // 2}")
+    numbers = np.hstack([regions.origin, regions.slopes.reshape(-1, 4)]).astype(np.float32).view(np.uint32)
+    counted = regions.counted.astype(np.uint32)
+    names = np.stack([_three(regions.beyond, counted[:, 0]), _three(regions.corners, counted[:, 1])], axis=1)
+    return {
+        f"{name}_cells": table(context, mesh.cells[:, :, None]),
+        f"{name}_regions": table(context, np.hstack([numbers, names]).reshape(-1, 2, 4)),
+    }
+
+
+def direction_steps(lights: DirectionMesh, views: DirectionMesh) -> frozenset[str]:
+    """The defines that tell a shader how far from a cell's region its points may lie."""
+    return frozenset([f"LIGHT_STEPS {lights.steps()}", f"VIEW_STEPS {views.steps()}"])
+
+
+def _three(numbers: Rows, flag: Rows) -> Rows:
+    """Three numbers (n, 3) of ten bits in one word (n,), and a flag above them."""
+    a, b, c = numbers.astype(np.uint32).T
+    return np.asarray(a | b << np.uint32(10) | c << np.uint32(20) | flag << np.uint32(30))
+
+
+def _nearest(texture: Sampled, *, wrap: bool) -> Sampled:
+    """The texture, whose nearest texel is read; it repeats or ends."""
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     texture.repeat_x = texture.repeat_y = wrap
     return texture
 
 
-def table(context: moderngl.Context, values: Rows) -> moderngl.Texture:
-    """A table (row, column, component) as a float32 texture; whole numbers up to 2^24 stay exact."""
-    height, width, components = values.shape
-    limit = context.info["GL_MAX_TEXTURE_SIZE"]
-    if max(height, width) > limit:
-        raise MaterialError(f"a table of {height} x {width} numbers: the graphics library takes {limit} a side")
-    data = np.ascontiguousarray(values, dtype=np.float32)
-    return context.texture((width, height), components, data.tobytes(), dtype="f4", alignment=1)
+def _dtype(values: Rows) -> type[np.uint32] | type[np.float32]:
+    return np.uint32 if values.dtype == np.uint32 else np.float32
 
 
-def direction_tables(context: moderngl.Context, name: str, mesh: DirectionMesh) -> dict[str, moderngl.Texture]:
-    """Cells (64, 64) of region numbers; a region is a row of four texels, as directions.glsl reads them."""
-    regions = mesh.regions
-    count = len(regions.corners)
-    zeros = np.zeros((count, 1))
-    row = np.stack(
-        [
-            np.hstack([regions.origin, regions.counted]),
-            regions.slopes.reshape(count, 4),
-            np.hstack([regions.corners, zeros]),
-            np.hstack([regions.beyond, zeros]),
-        ],
-        axis=1,
-    )
-    return {f"{name}_cells": table(context, mesh.cells[:, :, None]), f"{name}_regions": table(context, row)}
+def _name(values: Rows) -> str:
+    return "u4" if values.dtype == np.uint32 else "f4"

@@ -25,12 +25,15 @@ float log2_cosine(float sine_squared, float cosine_squared) {
     return float(power) * 0.5 + half_log2(z);
 }
 
+float log2_exact(float x) {
+    int power;
+    float mantissa = mantissa_of(x, power);
+    return float(power) + 2.0 * half_log2((mantissa - 1.0) / (mantissa + 1.0));
+}
+
 // max(base, 0)^exponent.
-float power(float base, float exponent) {
-    int whole;
-    float mantissa = mantissa_of(base, whole);
-    float log2_base = float(whole) + 2.0 * half_log2((mantissa - 1.0) / (mantissa + 1.0));
-    return base > 0.0 ? exp2(exponent * log2_base) : float(exponent == 0.0);
+float power_exact(float base, float exponent) {
+    return base > 0.0 ? exp2(exponent * log2_exact(base)) : float(exponent == 0.0);
 }
 
 // H = between / |between|, of which one over the squared length is given: nothing waits for a root.

@@ -1,21 +1,35 @@
 // Lobes times shadow of the points seen from the top, centres of hidden ones (processing.products.SbrdfPlus.evaluate).
-// LOBES is the largest number of lobes of a texel.
-#include "bilinear.glsl"
+// LEVELS, where set, tells how many levels there are from fine to coarse, of which two are blended by what a pixel covers;
+// LOBES is the largest number of lobes of a texel; LIGHT_STEPS and VIEW_STEPS: see directions.glsl.
 #include "directions.glsl"
 #include "lobe.glsl"
 
 // A texel holds the values of four: its own, of its right neighbour, of the one below, and right below.
-uniform sampler2DArray shift;      // layer 2 view: to the right, in texels, or HIDDEN + row of centres; then downward
+uniform usampler2DArray shift;     // layer view: 15 bits to the right, 15 downward, or HIDDEN and the row of a centre
 uniform sampler2DArray shadow;     // layer light
 uniform sampler2DArray lobes;      // a layer of C and n for each lobe, then all colours, of the lobes and the diffuse one
 uniform sampler2D centres;         // row centre, column light
+#ifdef LEVELS
+const int AREAS = LEVELS;
+#else
+const int AREAS = 1;
+#endif
+uniform vec4 areas[AREAS];         // of each level in the textures: left, top, width, height
+uniform vec2 shift_units[AREAS];   // in texels
 uniform sampler2D light_cells;
-uniform sampler2D light_regions;
+uniform usampler2D light_regions;
 uniform sampler2D view_cells;
-uniform sampler2D view_regions;
+uniform usampler2D view_regions;
 
-const float HIDDEN = 1048576.0;    // float32 still tells whole numbers up to 16 times as many
+const uint HIDDEN = 0x80000000u;
+const float ANISOTROPY = 2.0;      // as in render/sbrdf.py
 const int COLOURS = (3 * LOBES + 6) / 4;
+
+// The texel left above a point, and weights of the four around it as in bilinear.glsl.
+struct Place {
+    vec2 low;
+    vec4 weights;
+};
 
 struct Texel {
     vec4 colours[COLOURS];
@@ -28,15 +42,23 @@ struct Texel {
 struct Material {
     bool above;
     Corners seen;
-    Taps taps;
+    Place place;
     int hidden;                    // bit 4 i + k: texel k of measured view i
     float share;                   // weight of all that is not hidden
-    Taps moved;
+    Place moved;
     Texel[4] texels;
 };
 
-vec2 texel_size() {
-    return vec2(textureSize(shadow, 0).xy);
+// Each area has its first column and row again at its end.
+Place place_at(vec2 uv, vec4 area) {
+    vec2 at = (uv - floor(uv)) * area.zw - 0.5;
+    vec2 corner = floor(at);
+    vec2 f = at - corner;
+    corner += area.zw * vec2(lessThan(corner, vec2(0.0)));
+    Place place;
+    place.low = (area.xy + corner + 0.5) / vec2(textureSize(shadow, 0).xy);
+    place.weights = vec4((1.0 - f.x) * (1.0 - f.y), f.x * (1.0 - f.y), (1.0 - f.x) * f.y, f.x * f.y);
+    return place;
 }
 
 vec3 colour(Texel texel, int which) {
@@ -62,42 +84,61 @@ Texel texel_at(vec2 place, vec3 view) {
 
 // Adds what one measured view sees of the four texels to the shift of those that are not hidden.
 void look(inout Material here, inout vec2 way, int i) {
-    float layer = float(2 * here.seen.indices[i]);
-    vec4 right = textureLod(shift, vec3(here.taps.low, layer), 0.0);
-    vec4 down = textureLod(shift, vec3(here.taps.low, layer + 1.0), 0.0);
-    bvec4 hides = greaterThanEqual(right, vec4(0.5 * HIDDEN));
-    vec4 weights = here.seen.weights[i] * mix(here.taps.weights, vec4(0.0), hides);
-    ivec4 bits = ivec4(hides) << ivec4(4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3);
-    here.hidden |= bits.x | bits.y | bits.z | bits.w;
+    uvec4 codes = textureLod(shift, vec3(here.place.low, float(here.seen.indices[i])), 0.0);
+    vec4 right = vec4(ivec4(codes >> 15u) - 16384);
+    vec4 down = vec4(ivec4(codes & 32767u) - 16384);
+    uvec4 hides = codes >> 31u;
+    vec4 weights = here.seen.weights[i] * here.place.weights * vec4(1u - hides);
+    uvec4 bits = hides << uvec4(4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3);
+    here.hidden |= int(bits.x | bits.y | bits.z | bits.w);
     here.share += dot(weights, vec4(1.0));
-    // A weight of 0 does not undo the large number that stands for a hidden point exactly enough.
-    way += vec2(dot(weights, mix(right, vec4(0.0), hides)), dot(weights, down));
+    way += vec2(dot(weights, right), dot(weights, down));
 }
 
-Material material_at(vec2 uv, vec3 view) {
+Material material_at(vec2 uv, vec3 view, int level) {
     Material here;
+    vec4 area = areas[level];
     here.above = view.z > 0.0;
-    here.seen = direction_corners(view_cells, view_regions, view);
-    here.taps = bilinear_taps(uv, texel_size(), true);
+    here.seen = direction_corners(view_cells, view_regions, VIEW_STEPS, view);
+    here.place = place_at(uv, area);
     here.hidden = 0;
     here.share = 0.0;
     vec2 way = vec2(0.0);
     for (int i = 0; i < 3; ++i) {
         look(here, way, i);
     }
-    here.moved = bilinear_taps(uv + way / (max(here.share, 1e-12) * texel_size()), texel_size(), true);
-    here.texels[0] = texel_at(here.moved.low, view);
-    here.texels[1] = texel_at(vec2(here.moved.high.x, here.moved.low.y), view);
-    here.texels[2] = texel_at(vec2(here.moved.low.x, here.moved.high.y), view);
-    here.texels[3] = texel_at(here.moved.high, view);
+    here.moved = place_at(uv + way * shift_units[level] / (max(here.share, 1e-12) * area.zw), area);
+    vec2 low = here.moved.low;
+    vec2 high = low + 1.0 / vec2(textureSize(shadow, 0).xy);
+    here.texels[0] = texel_at(low, view);
+    here.texels[1] = texel_at(vec2(high.x, low.y), view);
+    here.texels[2] = texel_at(vec2(low.x, high.y), view);
+    here.texels[3] = texel_at(high, view);
     return here;
 }
+
+#ifdef LEVELS
+// Between which levels to blend: the logarithm of what render/sbrdf.py calls side_texels.
+float level_of(vec2 across, vec2 down) {
+    across *= areas[0].zw;
+    down *= areas[0].zw;
+    float total = 0.5 * (dot(across, across) + dot(down, down));
+    float area = across.x * down.y - across.y * down.x;
+    float longer = sqrt(total + sqrt(max(total * total - area * area, 0.0)));
+    float side = max(max(abs(area) / max(longer, 1e-30), longer / ANISOTROPY), 1.0);
+    return min(log2_exact(side), float(LEVELS - 1));
+}
+#else
+Material material_at(vec2 uv, vec3 view) {
+    return material_at(uv, view, 0);
+}
+#endif
 
 vec3 reflected(Texel texel, vec3 light) {
     vec3 total = colour(texel, LOBES);
 #if LOBES > 0
     for (int j = 0; j < LOBES; ++j) {
-        total += power(dot(texel.axes[j], light), texel.exponents[j]) * colour(texel, j);
+        total += power_exact(dot(texel.axes[j], light), texel.exponents[j]) * colour(texel, j);
     }
 #endif
     return total;
@@ -107,20 +148,22 @@ vec3 reflected(Texel texel, vec3 light) {
 // as often as one of the pixels that they shade at once asks for.
 vec3 unseen(Material here, Corners lit) {
     vec3 total = vec3(0.0);
+    vec2 size = vec2(textureSize(centres, 0));
+    vec3 columns = (vec3(lit.indices) + 0.5) / size.x;
     for (int left = here.hidden; left != 0; left &= left - 1) {
         int bit = (floatBitsToInt(float(left & -left)) >> 23) - 127;
-        vec4 found = textureLod(shift, vec3(here.taps.low, float(2 * here.seen.indices[bit / 4])), 0.0);
-        int row = int(found[bit % 4] - HIDDEN);
-        vec3 centre = lit.weights.x * texelFetch(centres, ivec2(lit.indices.x, row), 0).rgb
-                    + lit.weights.y * texelFetch(centres, ivec2(lit.indices.y, row), 0).rgb
-                    + lit.weights.z * texelFetch(centres, ivec2(lit.indices.z, row), 0).rgb;
-        total += here.seen.weights[bit / 4] * here.taps.weights[bit % 4] * centre;
+        uvec4 codes = textureLod(shift, vec3(here.place.low, float(here.seen.indices[bit / 4])), 0.0);
+        float row = (float(codes[bit % 4] ^ HIDDEN) + 0.5) / size.y;
+        vec3 centre = lit.weights.x * textureLod(centres, vec2(columns.x, row), 0.0).rgb
+                    + lit.weights.y * textureLod(centres, vec2(columns.y, row), 0.0).rgb
+                    + lit.weights.z * textureLod(centres, vec2(columns.z, row), 0.0).rgb;
+        total += here.seen.weights[bit / 4] * here.place.weights[bit % 4] * centre;
     }
     return total;
 }
 
 vec3 outgoing(Material here, vec3 light) {
-    Corners lit = direction_corners(light_cells, light_regions, light);
+    Corners lit = direction_corners(light_cells, light_regions, LIGHT_STEPS, light);
     vec4 open = lit.weights.x * textureLod(shadow, vec3(here.moved.low, float(lit.indices.x)), 0.0)
               + lit.weights.y * textureLod(shadow, vec3(here.moved.low, float(lit.indices.y)), 0.0)
               + lit.weights.z * textureLod(shadow, vec3(here.moved.low, float(lit.indices.z)), 0.0);

@@ -19,6 +19,7 @@ layout(location = 0) out vec4 radiance;
 layout(location = 1) out vec4 material_uv;
 layout(location = 2) out vec4 light_local;
 layout(location = 3) out vec4 view_local;
+layout(location = 4) out vec4 footprint;    // change of texture coordinates to the next pixel right, then below
 #else
 layout(location = 0) out vec4 radiance;
 #endif
@@ -27,6 +28,19 @@ layout(location = 0) out vec4 radiance;
 vec3 local_light(int i, mat3 frame) {
     vec3 local = light_direction[i] * frame;
     return local == vec3(0.0) ? vec3(0.0, 0.0, 1.0) : local;
+}
+
+// What reaches the eye: under the first light of unit irradiance in a G-buffer, else under all lights.
+vec3 radiance_of(Material here, mat3 frame) {
+#ifdef G_BUFFER
+    return outgoing(here, local_light(0, frame));
+#else
+    vec3 total = vec3(0.0);
+    for (int i = 0; i < light_count; ++i) {
+        total += light_irradiance[i] * outgoing(here, local_light(i, frame));
+    }
+    return total;
+#endif
 }
 
 void main() {
@@ -38,19 +52,25 @@ void main() {
     mat3 frame = tangent_frame(surface_normal, surface_tangent);
 #endif
     vec3 view = unit((eye - surface_point) * frame);
-    Material here = material_at(uv, view);
+    vec2 across = dFdx(uv), down = -dFdy(uv);
 
-#ifdef G_BUFFER
-    vec3 light = local_light(0, frame);
-    radiance = vec4(outgoing(here, light), 1.0);
-    material_uv = vec4(uv, 0.0, 1.0);
-    light_local = vec4(light, 1.0);
-    view_local = vec4(view, 1.0);
-#else
+#ifdef LEVELS
+    // A material of several levels: the two nearest are blended, one of them alone where nothing is minified.
+    float level = level_of(across, down);
+    int first = int(level), last = int(ceil(level));
     vec3 total = vec3(0.0);
-    for (int i = 0; i < light_count; ++i) {
-        total += light_irradiance[i] * outgoing(here, local_light(i, frame));
+    for (int k = first; k <= last; ++k) {
+        total += (1.0 - abs(level - float(k))) * radiance_of(material_at(uv, view, k), frame);
     }
     radiance = vec4(total, 1.0);
+#else
+    radiance = vec4(radiance_of(material_at(uv, view), frame), 1.0);
+#endif
+
+#ifdef G_BUFFER
+    material_uv = vec4(uv, 0.0, 1.0);
+    light_local = vec4(local_light(0, frame), 1.0);
+    view_local = vec4(view, 1.0);
+    footprint = vec4(across, down);
 #endif
 }

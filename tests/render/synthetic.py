@@ -1,5 +1,7 @@
 """Materials by formula, rough enough to show an error of a texel, a frame or a direction."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import ndimage
 from scipy.special import ndtr
@@ -98,6 +100,15 @@ def direction_rad(azimuth_rad: float, elevation_rad: float) -> np.ndarray:
     return np.array([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), np.sin(elevation_rad)])
 
 
+def levelled(shape: tuple[int, int] = (24, 20), **kind: float) -> SbrdfPlus:
+    """The same with coarser levels down to one texel, which have nothing to do with each other: a wrong one shows."""
+    sides = [shape]
+    while max(sides[-1]) > 1:
+        sides.append((max(sides[-1][0] // 2, 1), max(sides[-1][1] // 2, 1)))
+    finest, *coarser = (weave(side, seed=seed, **kind) for seed, side in enumerate(sides))
+    return replace(finest, coarser=tuple(coarser))
+
+
 def weave(
     shape: tuple[int, int] = (24, 20),
     *,
@@ -107,7 +118,10 @@ def weave(
     largest_exponent: float = 60.0,
     seed: int = 1,
 ) -> SbrdfPlus:
-    """An SBRDF+ of no physics: smooth lobes, shadows and shifts of some texels, a share of hidden points."""
+    """An SBRDF+ of no physics: smooth lobes, shadows and shifts of some texels, a share of hidden points.
+
+    Shifts are in steps of an eighth of a texel, as those of a packed product are.
+    """
     rng = np.random.default_rng(seed)
     mesh = DirectionMesh.from_directions(hemisphere())
     count = len(mesh.directions)
@@ -130,7 +144,7 @@ def weave(
             np.moveaxis(smooth(0.0, 0.4, lobes, 3), (0, 1), (2, 3)),
         ),
         smooth(0.0, 1.0, count),
-        np.moveaxis(smooth(-4.0, 4.0, count, 2), 1, 3),
+        np.rint(8.0 * np.moveaxis(smooth(-4.0, 4.0, count, 2), 1, 3)) / 8.0,
         here & (centres > 0),
         rng.integers(0, max(centres, 1), (count, *shape)).astype(np.uint16),
         rng.uniform(0.0, 0.2, (centres, count, 3)).astype(np.float32),

@@ -11,8 +11,10 @@ from processing.products import LafortuneTexels, SbrdfPlus
 from render.comparison import gl_vs_reference
 from render.materials import outgoing
 from render.mesh import Mesh
-from render.scene import light
-from render.shapes import plane, sphere, statue, torus
+from render.reference import ReferenceRenderer
+from render.sbrdf import ANISOTROPY, side_texels
+from render.scene import Scene, framed, light
+from render.shapes import captured_sphere, plane, sphere, statue, torus
 from tests.render import synthetic
 
 BOUND = 1e-3  # as in test_shaders
@@ -30,6 +32,12 @@ MESHES = {
     "statue": statue(shape=(87, 60)),
     "many tiles": plane(tiles=(30.0, 20.0)),
 }
+
+
+@pytest.fixture(scope="module")
+def levels() -> SbrdfPlus:
+    """Six levels, 24 x 20 texels to one."""
+    return synthetic.levelled()
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -77,6 +85,74 @@ def test_light_or_eye_under_the_horizon_is_black(gl, sbrdf):
     assert (outgoing(sbrdf, place, above, below) == 0.0).all()
     lights = (light(0.3, np.radians(-4.0)), light(0.3, np.radians(2.0)))
     assert gl_vs_reference(sbrdf, sphere(), lights, (60, 60), renderer=gl) <= BOUND
+
+
+@pytest.mark.parametrize("tiles", [0.2, 5.0, 60.0, 2000.0])
+def test_shader_equals_reference_on_every_level(gl, levels, tiles):
+    """From magnified to a tile in less than a pixel; the finest alone, two blended, the coarsest alone."""
+    assert gl_vs_reference(levels, plane(tiles=(tiles, 0.7 * tiles)), size=(80, 80), renderer=gl) <= BOUND
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_levels_on_every_surface(gl, levels, name):
+    assert gl_vs_reference(levels, MESHES[name], size=(80, 80), renderer=gl) <= BOUND
+
+
+def test_levels_on_a_captured_sphere(gl, levels):
+    assert gl_vs_reference(levels, captured_sphere(shape=(32, 64)), size=(80, 80), renderer=gl) <= BOUND
+
+
+def test_reference_draws_the_same_levels_as_the_shader(gl, levels):
+    """Both find by themselves what a pixel covers: the card from its neighbours, the reference from the triangle."""
+    mesh = torus(tiles=(40.0, 14.0))
+    camera = framed(mesh, (96, 96), azimuth_rad=-0.6, elevation_rad=0.5)
+    scene = Scene(mesh, levels, camera, (light(0.4, 0.9),))
+    card, plain = gl.draw(scene), ReferenceRenderer().draw(scene)
+    both = card.mask & plain.mask
+    error = np.abs(card.radiance - plain.radiance)[both]
+    # Derivatives are those of two pixels by two on the card, of each pixel here: some 3 % of a level apart.
+    assert np.median(error) <= 0.01 * plain.radiance[both].mean()
+    assert both.sum() >= 0.98 * plain.mask.sum()
+
+
+def test_side_of_what_a_pixel_covers():
+    """The shorter axis, whatever the turn, unless the longer one is more than ANISOTROPY times longer; at least 1."""
+    turn = np.array([[np.cos(0.4), np.sin(0.4)], [-np.sin(0.4), np.cos(0.4)]])
+    axes = np.stack([np.diag(sides) for sides in ([5.0, 4.0], [4.0, 5.0], [40.0, 4.0], [0.2, 0.1], [0.0, 0.0])])
+    expected = [4.0, 4.0, 40.0 / ANISOTROPY, 1.0, 1.0]
+    texels = np.array([8.0, 16.0])  # a row of 8, so u first
+    for footprint in (axes, turn @ axes, axes @ turn):
+        np.testing.assert_allclose(side_texels(footprint / texels, (16, 8)), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("moving", ["light", "eye", "surface"])
+def test_nothing_jumps(levels, moving):
+    """Steps a tenth as long change pictures a tenth as much: between texels, views and lights, at hidden points too."""
+    coarse, fine = (largest_step(levels, moving, count) for count in (401, 4001))
+    assert fine <= 0.25 * coarse
+
+
+def largest_step(material: SbrdfPlus, moving: str, count: int) -> float:
+    """Largest change between steps along six ways, of what is there."""
+    rng = np.random.default_rng(5)
+    along = np.linspace(0.0, 1.0, count)[:, None]
+    steps = []
+    for _ in range(6):
+        ends = {"surface": rng.uniform(0, 2, (2, 2)), **{name: above(rng, 2) for name in ("light", "eye")}}
+        still = {name: np.repeat(rows[:1], count, axis=0) for name, rows in ends.items()}
+        start, end = ends[moving]
+        still[moving] = start + along * (end - start)
+        uv, light, view = (still[name] for name in ("surface", "light", "eye"))
+        light, view = (rows / np.linalg.norm(rows, axis=1, keepdims=True) for rows in (light, view))
+        steps.append(np.abs(np.diff(outgoing(material, uv, light, view), axis=0)).max())
+    return max(steps)
+
+
+def above(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Directions (count, 3) above the horizon, down to 7 degrees."""
+    rows = rng.normal(size=(count, 3))
+    rows[:, 2] = np.abs(rows[:, 2]) + 0.15 * np.linalg.norm(rows, axis=1)
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
 def test_a_flat_matt_tile_is_its_colour_times_the_cosine(gl):

@@ -177,6 +177,34 @@ def preview(
         tell(viewing.draw_product(product, out, shape, lights, size))
 
 
+@app.command("import")
+def import_(
+    source: Annotated[Path, typer.Argument(help="Folder or zip of one BTF's pictures.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the new product.")],
+    linear: Annotated[bool, typer.Option("--linear", help="Values are in proportion to light, not sRGB.")] = False,
+    white: Annotated[
+        float, typer.Option(help="Value, 0 to 1 in proportion to light, of a perfect diffuser under light from above.")
+    ] = 1.0,
+    region: Annotated[
+        str, typer.Option(metavar="LEFT,TOP,WIDTH,HEIGHT", help="Part of the pictures that is taken, in pixels.")
+    ] = "",
+    size: Annotated[
+        str, typer.Option(metavar="WIDTH,HEIGHT", help="Texels that this is averaged down to; all pixels unless given.")
+    ] = "",
+) -> None:
+    """Make the product btf of a published BTF: a picture for each pair of directions, named as in Bonn's UBO2003.
+
+    Names end in `tl015 pl060 tv030 pv090.jpg` (or .png): polar angle and azimuth of the light, then of the view, in
+    degrees. What is read how: docs/analyse-a-btf.md
+    """
+    from service import importing
+
+    with reported_errors(), ConsoleProgress() as progress:
+        options = importing.options_of(region, size, white, linear=linear)
+        for line in importing.import_btf(source, out, options, progress):
+            tell(line)
+
+
 @app.command()
 def drape(
     product: Annotated[Path, typer.Argument(metavar="SRF", help="Folder of an SRF.")],

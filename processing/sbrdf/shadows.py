@@ -1,0 +1,122 @@
+"""Samples in shadow: what lies far below the lobes of a texel, found in rounds that fit the lobes to the rest.
+
+Source: Chen et al. 2008, sections 2.1 and 2.2. Its thresholds, Error = (SBRDF - BTF) / BTF > 0.3 and BTF < 0.3, take
+every sample at less than three quarters of the lobes for a shadow, among them many that only face the light less than
+the lobes say. A cast shadow lies far below that: the ratios BTF / SBRDF of a material have a peak near what is left of
+the light in its shadows, and the threshold is that peak's upper foot.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.products.arrays import Float32, Float64
+from processing.sbrdf.lafortune import FitStatus, LafortuneFit, fit_lafortune, lafortune_values
+
+Mask = NDArray[np.bool_]
+
+ROUNDS = 3
+_HIGHEST = 0.3  # of the lobes: above nothing is a shadow
+_BINS = 60  # of the ratios up to there
+_FOOT = 2.0  # times the emptiest bin beyond the peak
+# Of the material's mean texel: darker lobes are taken to be as bright, so that a texel which no light reaches is in
+# shadow rather than black.
+_DARKEST = 0.02
+
+
+class ShadowStatus(IntEnum):
+    """How the shadow rounds of a texel ended."""
+
+    FOUND = 0
+    KEPT = 1  # too few samples were left outside the shadows: the lobes are those of the round before
+
+
+@dataclass(frozen=True, eq=False)
+class Darkness:
+    """What counts as shadow in a material: mean values under `share` of the lobes or of `least` (s,), the larger."""
+
+    share: float
+    least: Float32
+
+    def shadowed(self, values: Float32, drawn: Float32) -> Mask:
+        """Which samples (t, s) lie in shadow, of values (t, s, 3) and those of their lobes; missing ones do not."""
+        lobes = np.maximum(drawn.mean(axis=2), self.least)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(values.mean(axis=2) < np.float32(self.share) * lobes)
+
+
+@dataclass(frozen=True, eq=False)
+class LitLobes:
+    """Lobes of texels fitted to what is not in shadow; `shadowed` (t, s), `status` (t,) int8 is a ShadowStatus."""
+
+    lobes: LafortuneFit
+    shadowed: Mask
+    status: NDArray[np.int8]
+
+
+def darkness(values: Float32, light: Float64, view: Float64, plain: LafortuneFit) -> Darkness:
+    """Threshold of a material, from some of its texels' values (t, s, 3) and their fit to all samples.
+
+    Lobes and threshold take turns for as many rounds as the shadows will. Without a peak of dark samples the threshold
+    is the lowest.
+    """
+    lobes, found = plain, Darkness(_HIGHEST, np.zeros(len(light), np.float32))
+    for _ in range(ROUNDS):
+        drawn = lafortune_values(lobes, light, view)
+        least = (_DARKEST * drawn.mean(axis=(0, 2))).astype(np.float32)
+        found = Darkness(_foot(_ratios(values, drawn, least)), least)
+        lobes = _refitted(values, light, view, found.shadowed(values, drawn), lobes)[0]
+    return found
+
+
+def fit_lit(values: Float32, light: Float64, view: Float64, start: LafortuneFit, dark: Darkness) -> LitLobes:
+    """Three rounds: which of the values (t, s, 3) lie in shadow of the lobes, then the lobes again without them."""
+    lobes, status = start, np.full(len(values), ShadowStatus.FOUND, np.int8)
+    for _ in range(ROUNDS):
+        shadowed = dark.shadowed(values, lafortune_values(lobes, light, view))
+        lobes, kept = _refitted(values, light, view, shadowed, lobes)
+        status[kept] = ShadowStatus.KEPT
+    return LitLobes(lobes, dark.shadowed(values, lafortune_values(lobes, light, view)), status)
+
+
+def shadow_map(values: Float32, drawn: Float32, shadowed: Mask) -> Float32:
+    """ShadowMap (t, s) in 0 to 1: 1 out of shadow, else BTF / SBRDF, of the channels' means."""
+    level = np.divide(values.mean(axis=2), drawn.mean(axis=2), out=np.zeros(shadowed.shape, np.float32),
+                      where=drawn.mean(axis=2) > 0)  # fmt: skip
+    return np.where(shadowed, np.clip(np.nan_to_num(level), 0, 1), 1).astype(np.float32)
+
+
+def _refitted(
+    values: Float32, light: Float64, view: Float64, shadowed: Mask, lobes: LafortuneFit
+) -> tuple[LafortuneFit, Mask]:
+    """The fit without the shadowed samples, and the texels (t,) whose lobes are as they were."""
+    lit = np.where(shadowed[..., None], np.float32(np.nan), values)
+    fit = fit_lafortune(lit, light, view, start=lobes)
+    kept = (fit.status == FitStatus.TOO_FEW_SAMPLES) | (fit.status == FitStatus.DIVERGED)
+    return either(lobes, fit, kept), kept
+
+
+def either(first: LafortuneFit, second: LafortuneFit, wants_first: Mask) -> LafortuneFit:
+    """Texel by texel one of two fits of the same texels."""
+    count = len(wants_first)
+    return LafortuneFit.joined([first, second]).chosen(np.arange(count) + np.where(wants_first, 0, count))
+
+
+def _ratios(values: Float32, drawn: Float32, least: Float32) -> Float64:
+    """How many samples lie in each bin of BTF / SBRDF up to the highest that may be a shadow."""
+    ratio = values.mean(axis=2) / np.maximum(np.maximum(drawn.mean(axis=2), least), np.finfo(np.float32).tiny)
+    inside = ratio[ratio < _HIGHEST]  # NaN is not
+    return np.histogram(np.clip(inside, 0, None), _BINS, (0, _HIGHEST))[0].astype(np.float64)
+
+
+def _foot(count: Float64) -> float:
+    """The upper end of the peak of the dark ratios; the lowest bin's where the counts only rise."""
+    smooth = np.convolve(np.pad(count, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
+    peak = int(np.argmax(smooth))
+    if peak == _BINS - 1:
+        return _HIGHEST / _BINS
+    beyond = count[peak + 1 :]
+    first = int(np.argmax(beyond <= _FOOT * max(beyond.min(), 1.0)))
+    return _HIGHEST / _BINS * (peak + 1 + first)

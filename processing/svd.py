@@ -1,8 +1,11 @@
 """A BTF as a short sum of products, by singular value decomposition.
 
-The matrix has a row per (texel, light, channel) and a column per view. It is tall: its Gram matrix, view by view, is
-gathered in float64 over blocks of texel rows and gives the view weights; the eigenmaps are the projections onto them.
-Two passes over data that need not fit in memory, and the rank-k error of the full decomposition.
+`factor_btf`: the matrix has a row per (texel, light, channel) and a column per view. It is tall: its Gram matrix, view
+by view, is gathered in float64 over blocks of texel rows and gives the view weights; the eigenmaps are the projections
+onto them. Two passes over data that need not fit in memory, and the rank-k error of the full decomposition.
+
+`factor_texels`: the matrix has a row per texel and a column per (light, view, channel), which makes the smallest
+factors. Neither side is short enough for a Gram matrix, so the strongest columns' space is found by iteration.
 """
 
 from collections.abc import Iterator
@@ -14,6 +17,9 @@ import numpy as np
 from processing.errors import ImageError
 from processing.products import DirectionMesh, FactoredBtf, Provenance
 from processing.products.arrays import Float32, Float64
+
+_PASSES = 3  # of the iteration
+_SPARE = 10  # functions beyond those that are kept
 
 
 class BtfRows(Protocol):
@@ -69,6 +75,25 @@ class Factorisation:
         return float(np.sqrt(self.squared_singular_values[rank:].sum() / total)) if total > 0 else 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class TexelFactors:
+    """BTF(y, x, L, V) = sum_k M_k(y, x) F_k(L, V), the strongest first.
+
+    `maps` (k, y, x) and `functions` (k, light, view, channel) are float32; a function has length 1, its map carries the
+    singular value, whose square is in `squared_singular_values` (k,). `total` is the sum of squares of the BTF.
+    """
+
+    maps: Float32
+    functions: Float32
+    squared_singular_values: Float64
+    total: float
+
+    def relative_rmse(self, rank: int) -> float:
+        """Root of the squared error of the first `rank` terms over the sum of squares."""
+        left = self.total - self.squared_singular_values[:rank].sum()
+        return float(np.sqrt(max(left, 0.0) / self.total)) if self.total > 0 else 0.0
+
+
 def factor_btf(btf: BtfRows, rank: int) -> Factorisation:
     """Keep the `rank` strongest terms; each eigenmap carries its singular value, each weight vector has length 1.
 
@@ -94,6 +119,41 @@ def factor_btf(btf: BtfRows, rank: int) -> Factorisation:
         btf.provenance,
     )
     return Factorisation(factored, values, missing / float(np.prod(btf.shape)))
+
+
+def factor_texels(btf: BtfRows, rank: int) -> TexelFactors:
+    """Keep the `rank` strongest maps over texels, to 1.001 of the least error; missing samples as in `Factorisation`.
+
+    Four passes over blocks of texel rows: block Krylov iteration from random functions of a fixed seed, ten more than
+    are kept (Musco and Musco 2015). Raises ImageError for a rank that texels and directions do not offer.
+    """
+    lights, views, height, width, channels = btf.shape
+    most = min(height * width, lights * views * channels)
+    if not 1 <= rank <= most:
+        raise ImageError(f"rank {rank} of a BTF with {height} x {width} texels: choose 1 to {most}")
+    columns = min(rank + _SPARE, most)
+    spaces = [np.random.default_rng(0).normal(size=(lights * views * channels, columns)).astype(np.float32)]
+    for _ in range(_PASSES):
+        stronger = sum(block.T @ (block @ spaces[-1]) for block in _texel_blocks(btf))
+        spaces.append(np.linalg.qr(stronger)[0])
+    weights = np.linalg.qr(np.concatenate(spaces[1:], axis=1))[0]
+    maps, total = [], 0.0
+    for block in _texel_blocks(btf):
+        maps.append(block @ weights)
+        total += float(np.square(block, dtype=np.float64).sum())
+    left, values, right = np.linalg.svd(np.concatenate(maps).astype(np.float64), full_matrices=False)
+    kept = (right[:rank] @ weights.T).reshape(rank, lights, views, channels)
+    strong = (left[:, :rank] * values[:rank]).T.reshape(rank, height, width)
+    return TexelFactors(strong.astype(np.float32), kept.astype(np.float32), values[:rank] ** 2, total)
+
+
+def _texel_blocks(btf: BtfRows) -> Iterator[Float32]:
+    """Blocks (texel, light * view * channel) of the filled matrix."""
+    lights, views, _, _, channels = btf.shape
+    for rows in btf.row_spans():
+        filled, _ = _filled(btf.rows(rows))
+        texels = np.moveaxis(filled, (2, 3), (0, 1)).astype(np.float32)
+        yield texels.reshape(-1, lights * views * channels)
 
 
 def _gram(btf: BtfRows) -> tuple[Float64, int]:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from processing.errors import ImageError
 from processing.products import Btf, StoredBtf
-from processing.svd import factor_btf
+from processing.svd import factor_btf, factor_texels
 from tests.reference.btf import eckart_young
 
 LIGHTS, VIEWS = 6, 9
@@ -103,3 +103,45 @@ def test_a_black_btf_has_black_maps_and_no_error(rng):
 def test_an_impossible_rank_is_named(rng, rank):
     with pytest.raises(ImageError, match="views"):
         factor_btf(smooth_btf(rng), rank)
+
+
+def of_texels(factors):
+    return np.einsum("kyx,klvc->lvyxc", factors.maps.astype(np.float64), factors.functions)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(1, 40), st.integers(0, 2**32 - 1), st.booleans())
+def test_maps_of_texels_come_within_a_thousandth_of_the_least_error(rank, seed, noisy):
+    """Also where the singular values hardly fall: noise is what makes iterations slow."""
+    rng = np.random.default_rng(seed)
+    btf = smooth_btf(rng, terms=40)
+    if noisy:
+        btf.reflectance[...] += rng.normal(scale=0.02, size=btf.shape).astype(np.float32)
+    factors = factor_texels(btf, rank)
+    error = np.linalg.norm(of_texels(factors) - btf.reflectance) / np.linalg.norm(btf.reflectance)
+    matrix = np.moveaxis(btf.reflectance, (2, 3), (0, 1)).reshape(18 * 7, -1).astype(np.float64)
+    squares = np.linalg.svd(matrix, compute_uv=False) ** 2
+    least = np.sqrt(squares[rank:].sum() / squares.sum())
+    assert least - 1e-6 <= error <= 1.001 * least + 1e-6
+    assert factors.relative_rmse(rank) == pytest.approx(error, rel=1e-3, abs=2e-3)  # a root of float32's roundings
+    np.testing.assert_allclose((factors.functions.astype(np.float64) ** 2).sum(axis=(1, 2, 3)), 1, atol=1e-5)
+
+
+def test_maps_of_texels_from_disk_with_missing_samples_and_of_a_black_btf(tmp_path, rng):
+    btf = smooth_btf(rng)
+    btf.reflectance[:, 2, 3, 4] = np.nan
+    btf.save(tmp_path)
+    whole, streamed = factor_texels(Btf.load(tmp_path), 4), factor_texels(StoredBtf.open(tmp_path), 4)
+    np.testing.assert_allclose(of_texels(streamed), of_texels(whole), atol=1e-5)
+    assert np.isfinite(whole.maps).all()
+    black = factor_texels(Btf(btf.reflectance * 0, btf.light_directions, btf.view_directions), 2)
+    assert np.nanmax(np.abs(black.maps)) == 0
+    assert black.relative_rmse(1) == 0
+
+
+def test_maps_of_one_texel_and_an_impossible_rank(rng):
+    btf = smooth_btf(rng, height=1, width=1)
+    np.testing.assert_allclose(of_texels(factor_texels(btf, 1)), btf.reflectance, atol=1e-5)
+    for rank in (0, 2):
+        with pytest.raises(ImageError, match="choose 1 to 1"):
+            factor_texels(btf, rank)

@@ -23,6 +23,7 @@ _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _OURS = ("#000000", "#888888")
 _BOUND, _REFERENCE = "0.35", "0.5"
 _WIDE = 8.0  # largest over smallest value from which an axis is logarithmic
+_TICKS = 12  # values that are told one by one on a logarithmic axis
 _ALL = 0.9  # share of values measured under which a point is hollow
 
 
@@ -120,13 +121,17 @@ def _places(axes: Axes, values: Sequence[float | str]) -> Mapping[float | str, f
     places = {value: float(value) for value in values}
     if min(places.values()) > 0 and max(places.values()) > _WIDE * min(places.values()):
         axes.set_xscale("log")
-        axes.set_xticks(list(places.values()), [_short(place) for place in places.values()], fontsize=8)
+        if len(places) > _TICKS:
+            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.xaxis.set_major_formatter(lambda place, _: _short(place))
+        else:
+            axes.set_xticks(list(places.values()), [_short(place) for place in places.values()], fontsize=8)
         axes.xaxis.set_minor_locator(NullLocator())
     return places
 
 
 def _short(value: float) -> str:
-    return f"{value:g}" if value < 1e3 else f"{value / 1e3:.3g}k"
+    return f"{value:g}" if value < 1e3 else f"{value / 1e3:.3g}k" if value < 1e6 else f"{value / 1e6:.3g}M"
 
 
 def _draw_line(axes: Axes, line: Sequence[_Point], points: Sequence[Row], look: tuple[str, str]) -> None:

@@ -97,7 +97,7 @@ def one_period(sample: str, seed: int, directions: tuple[Array, Array]) -> tuple
     return _built(sample, seed)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=len(SAMPLES))
 def _built(sample: str, seed: int) -> tuple[Sample, float]:
     return SAMPLES[sample](seed)
 

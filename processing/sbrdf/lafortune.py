@@ -13,7 +13,7 @@ from processing.products.arrays import Float32, Float64
 from processing.products.lafortune import LafortuneTexels
 from processing.sbrdf.lafortune_batch import fit_texels
 from processing.sbrdf.lafortune_kernel import BLOCK, values_of
-from processing.sbrdf.lafortune_starts import default_starts, exponent_bounds
+from processing.sbrdf.lafortune_starts import candidate_lobes, exponent_bounds, mixed_order, shared_starts
 from processing.threads import in_parts
 
 _PART = 16  # texels that a thread takes at a time
@@ -96,9 +96,9 @@ def fit_lafortune(  # noqa: PLR0913 - four that are named, each a choice of its 
     _check(values, light, view, lobes)
     texels = len(values)
     weighed = _variance(variance, values.shape[:2])
-    known = (_products(light, view), _mixed_order(values.shape[1]))
+    known = (_products(light, view), mixed_order(light, view))
     settings = (layout is LobeLayout.SHARED, *np.log(exponent_bounds(light, view)).tolist())
-    starts = default_starts(lobes, layout is LobeLayout.SHARED)
+    starts = shared_starts(lobes) if layout is LobeLayout.SHARED else candidate_lobes()[:, None]
     warm = _packed(start) if start is not None else np.empty((0, lobes, 4))
     shapes, albedos, cost = np.empty((texels, lobes, 4)), np.empty((texels, 3, 1 + lobes)), np.empty(texels)
     status, rounds = np.empty(texels, np.int8), np.empty(texels, np.int32)
@@ -161,11 +161,6 @@ def _products(light: Float64, view: Float64) -> Float32:
     light, view = np.asarray(light, np.float64), np.asarray(view, np.float64)
     above = (light[:, 2] > 0) & (view[:, 2] > 0)
     return np.concatenate([(light * view).T, np.where(above, light[:, 2], 0.0)[None]]).astype(np.float32)
-
-
-def _mixed_order(count: int) -> NDArray[np.int64]:
-    """An order of samples of which any first part is a fair choice."""
-    return np.random.default_rng(0).permutation(count)
 
 
 def _packed(fit: LafortuneFit) -> Float64:

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from processing.products.arrays import Float32, Float64
 from processing.sbrdf.lafortune_descent import AT_BOUND, DIVERGED, TOO_FEW_SAMPLES, descend
-from processing.sbrdf.lafortune_equations import SHAPES, Ints, cost_of, normalise, solve_channel
+from processing.sbrdf.lafortune_equations import Ints, cost_with, normalise
 from processing.sbrdf.lafortune_kernel import BLOCK, FACTOR, ROWS, TILE, VALUES
+from processing.sbrdf.lafortune_search import SPARE, best_of, improve_anew, search, slots_of
 
 _LEAST_PER_FUNCTION = 2  # samples, of three channels each
 _COARSE = 2  # blocks
-_ROUGHLY, _FINELY = (2e-4, 15), (2e-6, 40)
+_FINELY = (2e-6, 40)
 _NOTHING, _FLOOR = 1e-10, 1e-13  # of the values' squares: what no lobe is worth, and no round
 
 
@@ -80,55 +81,17 @@ def scale_samples(samples: Float32, count: int, value: float, noise: float) -> F
 
 
 @numba.njit(nogil=True, cache=True)
-def slots_of(lobes: int, shared: bool) -> Ints:
-    """Which unknown each parameter stands for; shared, all lobes have one C and the diffuse is grey."""
-    slots = np.empty(SHAPES * lobes + 1, np.int64)
-    for j in range(lobes):
-        for k in range(SHAPES):
-            slots[SHAPES * j + k] = SHAPES * j + k if not shared else (j if k == 0 else lobes + k - 1)
-    slots[SHAPES * lobes] = -1 if not shared else (lobes + SHAPES - 1 if lobes > 0 else 0)
-    return slots
-
-
-@numba.njit(nogil=True, cache=True)
-def best_start(
-    samples: Float32, settings: tuple[bool, float, float], starts: Float64, lobes: Float64, albedo: Float64
-) -> int:
-    """Descend from each of the starts (k, j, 4) on some samples; the lowest into `lobes` and `albedo`; rounds."""
-    slots, best, rounds = slots_of(len(lobes), settings[0]), np.inf, 0
-    rule = (_ROUGHLY[0], _ROUGHLY[1], _FLOOR * samples.size)
-    size = TILE * (1 + len(lobes))
-    gram, before = np.empty((size, size)), np.empty_like(albedo)
-    for start in starts:
-        trial, found = start.copy(), np.zeros_like(albedo)
-        cost, taken, _ = descend(samples, slots, settings[1:], rule, (trial, found), (gram, before))
-        rounds += taken
-        if cost < best:
-            best = cost
-            lobes[:], albedo[:] = trial, found
-    return rounds
-
-
-@numba.njit(nogil=True, cache=True)
-def _least_worth(gram: Float64, before: Float64, shared: bool, albedo: Float64) -> tuple[int, float, float]:
+def _least_worth(gram: Float64, before: Float64, shared: bool) -> tuple[int, float, float]:
     """The lobe without which the cost grows least, by albedos alone; the cost with it and without."""
     lobes = before.shape[1] - 1
-    free, trial = np.empty(1 + lobes, np.bool_), np.empty(1 + lobes)
-    least, lowest, cost = -1, np.inf, 0.0
-    for j in range(-1, lobes):
-        total = 0.0
-        for channel in range(3):
-            for p in range(1 + lobes):
-                free[p] = albedo[channel, p] > 0 and (j < 0 or p != 1 + j)
-                trial[p] = 0.0
-            if shared:
-                free[0], trial[0] = False, albedo[channel, 0]
-            solve_channel(gram, channel, before[channel], free, trial)
-            total += cost_of(gram, channel, before[channel], trial)
-        if j < 0:
-            cost = total
-        elif total < lowest:
-            least, lowest = j, total
+    allowed = np.ones(1 + lobes, np.bool_)
+    least, lowest, cost = -1, np.inf, cost_with(gram, before, not shared, allowed)
+    for j in range(lobes):
+        allowed[1 + j] = False
+        without = cost_with(gram, before, not shared, allowed)
+        allowed[1 + j] = True
+        if without < lowest:
+            least, lowest = j, without
     return least, cost, lowest
 
 
@@ -144,13 +107,18 @@ def _without(lobe: int, lobes: Float64, albedo: Float64) -> tuple[Float64, Float
 
 @numba.njit(nogil=True, cache=True)
 def finish(
-    samples: Float32, settings: tuple[bool, float, float], count: int, lobes: Float64, albedo: Float64
+    samples: Float32,
+    settings: tuple[bool, float, float],
+    count: int,
+    candidates: Float64,
+    state: tuple[Float64, Float64],
 ) -> tuple[Float64, Float64, float, int, int]:
     """Descend over all samples; leave out lobes whose gain is not worth their parameters (Akaike 1974).
 
+    A lobe that is worth little is first tried elsewhere, if there are `candidates`.
     Returns the lobes and albedos that are left, the sum of squares, rounds and status.
     """
-    shared, low, high = settings
+    (shared, low, high), (lobes, albedo) = settings, state
     total, squares = 0, 3.0 * count
     rule = (_FINELY[0], _FINELY[1], _FLOOR * squares)
     while True:
@@ -161,8 +129,12 @@ def finish(
         total += rounds
         if len(lobes) == 0 or status == DIVERGED:
             break
-        least, present, without = _least_worth(gram, before, shared, albedo)
+        least, present, without = _least_worth(gram, before, shared)
         gain = 3 * count * math.log((without + _NOTHING * squares) / (present + _NOTHING * squares))
+        if gain < SPARE and len(candidates) > 0:
+            lobes, albedo, total = improve_anew(samples, (count, cost, total), (low, high), candidates, (lobes, albedo))
+            candidates = candidates[:0]
+            continue
         if gain > 2 * (4 if shared else 6):
             break
         lobes, albedo = _without(least, lobes, albedo)
@@ -178,9 +150,8 @@ def _present(start: Float64) -> Float64:
     count = 0
     kept = np.empty_like(start)
     for lobe in start:
-        if np.isfinite(lobe.sum()) and np.abs(lobe[:3]).sum() > 0:
-            kept[count] = lobe
-            normalise(kept[count])
+        kept[count] = lobe
+        if np.isfinite(lobe.sum()) and normalise(kept[count]) > 0 and np.abs(kept[count, :3]).sum() > 0:
             count += 1
     return kept[:count].copy()
 
@@ -220,12 +191,16 @@ def fit_texels(
         if enough and len(warm) > 0:
             here = _present(warm[t])
             found = np.zeros((3, 1 + len(here)))
-        taken = 0
+        taken, candidates = 0, np.empty((0, 4))
         if enough and len(here) == 0:
-            here, found = np.empty(lobes.shape[1:]), np.zeros((3, 1 + lobes.shape[1]))
             some = samples[: _COARSE * ROWS * BLOCK]
-            taken = best_start(some, settings, starts, here, found)
-        here, found, cost, more, how = finish(samples, settings, count, here, found)
+            if settings[0]:
+                here, found, _, taken = best_of(some, settings, starts)
+            else:
+                few = min(count, _COARSE * BLOCK)
+                candidates = starts[:, 0].copy()
+                here, found, taken = search(some, few, settings[1:], candidates, lobes.shape[1])
+        here, found, cost, more, how = finish(samples, settings, count, candidates, (here, found))
         for j in range(len(here)):
             lobes[t, j] = here[j]
         for channel in range(3):

@@ -21,6 +21,7 @@ from processing.sbrdf.lafortune_kernel import BLOCK, TILE, gram_of
 
 CONVERGED, AT_BOUND, TOO_FEW_SAMPLES, DIVERGED, STOPPED = 0, 1, 2, 3, 4
 
+_TRUSTED = 0.05  # of log n and of C
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-9, 1e7
 
 
@@ -37,7 +38,7 @@ def descend(
 
     `bounds` of log n; `rule`: share of the cost that is not worth a round, most rounds, and a cost that is none.
     Returns cost, rounds and whether it CONVERGED, STOPPED or DIVERGED. The last step, which is small, is taken on
-    trust. `last` is left as it was: the Gram matrix, and the albedos whose residuals it is of.
+    trust where it is short. `last` is left as it was: the Gram matrix, and the albedos whose residuals it is of.
     """
     (lobes, albedo), (gram, before) = state, last
     count = len(lobes)
@@ -68,11 +69,13 @@ def descend(
         find_stuck(lobes, albedo, room[unknowns], bounds, slots, stuck)
         gain = step_of(room, unknowns, stuck, damping, step)
         trial[:], ahead[:] = lobes, albedo
+        small = np.max(np.abs(step[:unknowns])) < _TRUSTED if unknowns > 0 else True
         shorten(step, slots, count)
         move(step, slots, bounds, follow, trial, ahead)
         if gain <= rule[0] * best + rule[2]:
-            lobes[:], albedo[:] = trial, ahead
-            return max(best - gain, 0.0), rounds, CONVERGED
+            if small:
+                lobes[:], albedo[:] = trial, ahead
+            return best, rounds, CONVERGED
         if damping > _MOST_DAMPING:
             return best, rounds, CONVERGED
     return best, rounds, STOPPED
@@ -89,6 +92,10 @@ def find_stuck(
         slot = slots[SHAPES * j]
         low, high = lobes[j, 3] <= bounds[0], lobes[j, 3] >= bounds[1]
         stuck[slot] = (low and slope[slot] < 0) or (high and slope[slot] > 0)
+        held = held_component(lobes[j])
+        if held != 2 and lobes[j, 2] <= 0:
+            slot = slots[SHAPES * j + 2 - held]
+            stuck[slot] = slope[slot] < 0
     slot = slots[SHAPES * count]
     if slot >= 0:
         stuck[slot] = albedo[0, 0] <= 0 and slope[slot] < 0

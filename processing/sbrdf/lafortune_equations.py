@@ -27,7 +27,7 @@ _SWEEPS = 8
 
 
 @numba.njit(nogil=True, cache=True)
-def _column(p: int, lobes: int) -> int:
+def column_of(p: int) -> int:
     """Column of a linear coefficient (diffuse, lobes) in the Gram matrix."""
     return 3 if p == 0 else TILE * p
 
@@ -80,7 +80,7 @@ def _pick(gram: Float64, free: Bools, lobes: int, matrix: Float64, picked: Ints)
             count += 1
     for i in range(count):
         for j in range(i + 1):
-            matrix[i, j] = gram[_column(picked[i], lobes), _column(picked[j], lobes)]
+            matrix[i, j] = gram[column_of(picked[i]), column_of(picked[j])]
     return count
 
 
@@ -91,15 +91,15 @@ def solve_channel(gram: Float64, channel: int, before: Float64, free: Bools, alb
     `gram` holds the residuals that `before` leaves; `albedo` comes with what is not free: 0, or what is given.
     """
     lobes = len(before) - 1
-    matrix, x, picked = np.empty((4, 4)), np.empty(4), np.empty(4, np.int64)
+    matrix, x, picked = np.empty((5, 5)), np.empty(5), np.empty(5, np.int64)
     for _ in range(_SWEEPS):
         count = _pick(gram, free, lobes, matrix, picked)
         for i in range(count):
-            column = _column(picked[i], lobes)
+            column = column_of(picked[i])
             x[i] = gram[channel, column]
             for p in range(1 + lobes):
                 if not free[p]:
-                    x[i] -= gram[column, _column(p, lobes)] * (albedo[p] - before[p])
+                    x[i] -= gram[column, column_of(p)] * (albedo[p] - before[p])
         factorise(matrix, count)
         back_substitute(matrix, count, x)
         worst, least = -1, 0.0
@@ -120,10 +120,10 @@ def cost_of(gram: Float64, channel: int, before: Float64, albedo: Float64) -> fl
     lobes = len(before) - 1
     cost = gram[channel, channel]
     for p in range(1 + lobes):
-        change, column = albedo[p] - before[p], _column(p, lobes)
+        change, column = albedo[p] - before[p], column_of(p)
         cost -= 2.0 * change * gram[channel, column]
         for q in range(1 + lobes):
-            cost += change * (albedo[q] - before[q]) * gram[column, _column(q, lobes)]
+            cost += change * (albedo[q] - before[q]) * gram[column, column_of(q)]
     return float(max(cost, 0.0))
 
 
@@ -136,7 +136,7 @@ def solve_albedos(gram: Float64, before: Float64, diffuse_free: bool, free: Bool
     lobes, cost = before.shape[1] - 1, 0.0
     for channel in range(3):
         for p in range(1 + lobes):
-            column = _column(p, lobes)
+            column = column_of(p)
             free[channel, p] = gram[column, column] > _DEAD * gram[3, 3]
             albedo[channel, p] = 0.0
         if not diffuse_free:
@@ -149,16 +149,30 @@ def solve_albedos(gram: Float64, before: Float64, diffuse_free: bool, free: Bool
 
 
 @numba.njit(nogil=True, cache=True)
+def cost_with(gram: Float64, before: Float64, diffuse_free: bool, allowed: Bools) -> float:
+    """Sum of squares at the best albedos of some of the lobes alone, `allowed` (1 + j)."""
+    cost, albedo = 0.0, np.empty(before.shape[1])
+    for channel in range(3):
+        free = allowed.copy()
+        albedo[:] = 0.0
+        if not diffuse_free:
+            free[0], albedo[0] = False, before[channel, 0]
+        solve_channel(gram, channel, before[channel], free, albedo)
+        cost += cost_of(gram, channel, before[channel], albedo)
+    return cost
+
+
+@numba.njit(nogil=True, cache=True)
 def _free_again(gram: Float64, channel: int, before: Float64, diffuse_free: bool, free: Bools, albedo: Float64) -> None:
     """Once more with those that were taken for 0 too early."""
     lobes, again = len(before) - 1, False
     for p in range(0 if diffuse_free else 1, 1 + lobes):
-        column = _column(p, lobes)
+        column = column_of(p)
         if free[p] or not gram[column, column] > _DEAD * gram[3, 3]:
             continue
         slope = gram[channel, column]
         for q in range(1 + lobes):
-            slope -= gram[column, _column(q, lobes)] * (albedo[q] - before[q])
+            slope -= gram[column, column_of(q)] * (albedo[q] - before[q])
         if slope > 0:
             free[p] = again = True
     if again:
@@ -175,14 +189,14 @@ def _project(gram: Float64, free: Bools, lobes: int, follow: Float64, left: Floa
     for p in range(parameters):
         column = _slope(p, lobes)
         for i in range(count):
-            x[i] = gram[_column(picked[i], lobes), column]
+            x[i] = gram[column_of(picked[i]), column]
         back_substitute(matrix, count, x)
         for i in range(count):
             follow[picked[i], p] = x[i]
         for q in range(parameters):
             total = gram[column, _slope(q, lobes)]
             for i in range(count):
-                total -= x[i] * gram[_column(picked[i], lobes), _slope(q, lobes)]
+                total -= x[i] * gram[column_of(picked[i]), _slope(q, lobes)]
             left[p, q] = total
 
 
@@ -215,7 +229,7 @@ def equations(solved: tuple[Float64, Float64, Float64, Bools], slots: Ints, foll
             column = _slope(p, lobes)
             slope = gram[channel, column]
             for q in range(1 + lobes):
-                slope -= gram[column, _column(q, lobes)] * (albedo[channel, q] - before[channel, q])
+                slope -= gram[column, column_of(q)] * (albedo[channel, q] - before[channel, q])
             room[unknowns, slots[p]] += weight * slope
             for q in range(parameters):
                 if slots[q] >= 0:
@@ -267,13 +281,12 @@ def shorten(step: Float64, slots: Ints, lobes: int) -> float:
 
 @numba.njit(nogil=True, cache=True)
 def normalise(lobe: Float64) -> float:
-    """Scale C so that its largest component is +-1 and C_z >= -1 is never the only such; by what its values grow.
+    """Scale C so that its largest component is +-1, with C_z >= 0; by what its values grow.
 
-    A lobe that points below the horizon of both directions is seen by no sample.
+    With C_z < 0 a lobe would peak beyond all samples, at the horizon, and there be as high as it likes.
     """
-    across = max(abs(lobe[0]), abs(lobe[1]))
-    lobe[2] = max(lobe[2], -across)
-    size = max(across, abs(lobe[2]))
+    lobe[2] = max(lobe[2], 0.0)
+    size = max(abs(lobe[0]), abs(lobe[1]), lobe[2])
     if size > 0:
         lobe[0], lobe[1], lobe[2] = lobe[0] / size, lobe[1] / size, lobe[2] / size
         return float(size ** math.exp(lobe[3]))

@@ -24,7 +24,7 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 _I32, _F32 = np.int32, np.float32
 _ZERO, _ONE, _HALF = _F32(0.0), _F32(1.0), _F32(0.5)
 _LEAST_BASE = _F32(1e-3)  # where the slopes of a lobe with n < 1 stop to grow
-_LEAST_POWER = _F32(-120.0)  # of two; below it a lobe is 0
+_LEAST_POWER = _F32(-40.0)  # of two; below it a lobe is 0, as products of smaller numbers are slow
 _MANTISSA, _BIAS = _I32(23), _I32(127)
 _ROOT_HALF = _I32(0x3F3504F3)
 _LN2 = _F32(np.log(2.0))
@@ -66,7 +66,7 @@ def _lobe_columns(block: Float32, others: tuple[Float32, Float32], lobe: Float64
         safe = base if base > _LEAST_BASE else _LEAST_BASE
         power = n * _log2(safe)
         value = _exp2(power) * block[FACTOR + i]
-        value = value if base > _LEAST_BASE else _ZERO
+        value = value if (base > _LEAST_BASE) & (power > _LEAST_POWER) else _ZERO
         slope = n * value / safe
         columns[i] = value
         columns[BLOCK + i] = _LN2 * power * value
@@ -174,8 +174,9 @@ def _lobe_values(block: Float32, lobe: Float32, out: Float32) -> None:
     for i in range(BLOCK):
         base = cx * block[i] + cy * block[BLOCK + i] + cz * block[2 * BLOCK + i]
         safe = base if base > _LEAST_BASE else _LEAST_BASE
-        value = _exp2(n * _log2(safe)) * block[FACTOR + i]
-        out[i] = value if base > _LEAST_BASE else _ZERO
+        power = n * _log2(safe)
+        value = _exp2(power) * block[FACTOR + i]
+        out[i] = value if (base > _LEAST_BASE) & (power > _LEAST_POWER) else _ZERO
 
 
 @numba.njit(nogil=True, cache=True, fastmath=FAST, error_model="numpy")
@@ -207,3 +208,46 @@ def values_of(blocks: Float32, weights: Float32, lobes: Float32, out: Float32) -
                 if weights[texel, 1 + j].any():
                     _lobe_values(block, lobes[texel, j], parts[(1 + j) * BLOCK : (2 + j) * BLOCK])
             _sum_up(parts, weights[texel], out[texel, 3 * start : 3 * min(start + BLOCK, count)])
+
+
+@numba.njit(nogil=True, cache=True)
+def candidate_values(samples: Float32, lobes: Float64) -> Float32:
+    """F g of lobes (k, 4) as C, n: (block, k, BLOCK)."""
+    width = ROWS * BLOCK
+    out = np.empty((samples.size // width, len(lobes), BLOCK), np.float32)
+    for number in range(len(out)):
+        for k in range(len(lobes)):
+            _lobe_values(samples[number * width : (number + 1) * width], lobes[k].astype(np.float32), out[number, k])
+    return out
+
+
+@numba.njit(nogil=True, cache=True)
+def candidate_products(samples: Float32, values: Float32, lobes: Float64, albedo: Float64) -> tuple[Float64, Float64]:
+    """Inner products of three residuals, F, three lobes (j, 4) as C, n, and a zero with candidates: (8, 8 + k).
+
+    The first 8 columns are those among themselves. `values` (block, k, BLOCK), k a multiple of 4, are those of
+    `candidate_values`; `albedo` (3, 1 + j). The second result (k,) are the candidates' squares.
+    """
+    count, width, tile = values.shape[1], ROWS * BLOCK, TILE * BLOCK
+    products, squares, own = np.zeros((2 * TILE, 2 * TILE + count)), np.zeros(count), np.zeros((TILE, TILE))
+    parts = np.zeros(2 * tile, np.float32)
+    for number in range(len(values)):
+        block = samples[number * width : (number + 1) * width]
+        _begin_residuals(block, albedo, parts[:tile])
+        for j in range(len(lobes)):
+            value = parts[tile + j * BLOCK : tile + (j + 1) * BLOCK]
+            _lobe_values(block, lobes[j].astype(np.float32), value)
+            _subtract_lobe(value, albedo[:, 1 + j], parts[:tile])
+        for row in range(2):
+            part, sums = parts[row * tile : (row + 1) * tile], products[row * TILE : (row + 1) * TILE]
+            for other in range(2):
+                _add_tile(part, parts[other * tile : (other + 1) * tile], sums[:, other * TILE : (other + 1) * TILE])
+            for k in range(0, count, TILE):
+                _add_tile(part, values[number, k : k + TILE].ravel(), sums[:, (2 * TILE) + k : 3 * TILE + k])
+        for k in range(0, count, TILE):
+            four = values[number, k : k + TILE].ravel()
+            own[:, :] = 0.0
+            _add_tile(four, four, own)
+            for i in range(TILE):
+                squares[k + i] += own[i, i]
+    return products, squares

@@ -22,7 +22,7 @@ def upload(context: moderngl.Context, btf: FactoredBtf) -> Binding:
     values = {"rank": rank, "lights": lights}
     for name, mesh in (("light", btf.lights), ("view", btf.views)):
         textures |= direction_tables(context, name, mesh)
-    return Binding(SHADER, textures, values, direction_steps(btf.lights, btf.views))
+    return Binding(SHADER, textures, values, frozenset([direction_steps(btf.lights, btf.views)]))
 
 
 def outgoing(btf: FactoredBtf, uv: Rows, light: Rows, view: Rows) -> Float64:

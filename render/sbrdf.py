@@ -36,10 +36,10 @@ def upload(context: moderngl.Context, sbrdf: SbrdfPlus) -> Binding:
     textures["centres"] = table(context, _centres(levels))
     for name, mesh in (("light", sbrdf.lights), ("view", sbrdf.views)):
         textures |= direction_tables(context, name, mesh)
+    defines = [f"LOBES {present}", direction_steps(sbrdf.lights, sbrdf.views)]
     blended = [f"LEVELS {len(levels)}"] if len(levels) > 1 else []
-    defines = frozenset([f"LOBES {present}", *blended]) | direction_steps(sbrdf.lights, sbrdf.views)
     values = {"areas": areas.astype(np.float32), "shift_units": (1.0 / np.array(units)).astype(np.float32)}
-    return Binding(SHADER, textures, values, defines)
+    return Binding(SHADER, textures, values, frozenset([*defines, *blended]))
 
 
 def outgoing(sbrdf: SbrdfPlus, uv: Rows, light: Rows, view: Rows, footprint: Rows | None = None) -> Float64:

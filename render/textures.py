@@ -66,9 +66,9 @@ def direction_tables(context: moderngl.Context, name: str, mesh: DirectionMesh) 
     }
 
 
-def direction_steps(lights: DirectionMesh, views: DirectionMesh) -> frozenset[str]:
-    """The defines that tell a shader how far from a cell's region its points may lie."""
-    return frozenset([f"LIGHT_STEPS {lights.steps()}", f"VIEW_STEPS {views.steps()}"])
+def direction_steps(*meshes: DirectionMesh) -> str:
+    """The define that tells a shader how far from a cell's region its points may lie in any of the meshes."""
+    return f"STEPS {max(mesh.steps() for mesh in meshes)}"
 
 
 def _three(numbers: Rows, flag: Rows) -> Rows:

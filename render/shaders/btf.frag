@@ -1,5 +1,5 @@
 // Sum of eigenmaps over light times weights over view (processing.products.FactoredBtf.evaluate), times the cosine.
-// LIGHT_STEPS and VIEW_STEPS: see directions.glsl.
+// STEPS: see directions.glsl.
 #include "bilinear.glsl"
 #include "directions.glsl"
 
@@ -19,14 +19,14 @@ struct Material {
 
 Material material_at(vec2 uv, vec3 view) {
     Taps taps = bilinear_taps(uv, vec2(textureSize(eigenmaps, 0).xy), true);
-    return Material(taps, direction_corners(view_cells, view_regions, VIEW_STEPS, view));
+    return Material(taps, direction_corners(view_cells, view_regions, view));
 }
 
 vec3 outgoing(Material here, vec3 light) {
     if (light.z <= 0.0) {
         return vec3(0.0);
     }
-    Corners lit = direction_corners(light_cells, light_regions, LIGHT_STEPS, light);
+    Corners lit = direction_corners(light_cells, light_regions, light);
     Corners seen = here.seen;
     vec3 total = vec3(0.0);
     vec2 size = vec2(textureSize(view_weights, 0));

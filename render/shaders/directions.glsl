@@ -24,13 +24,13 @@ Region region_at(usampler2D regions, float row, vec2 place) {
     return region;
 }
 
-// So many steps lead from the region of a cell's middle to that of any of its points. The few are unrolled: a loop that
-// goes on as long as any pixel asks costs Mesa's software rasteriser more than all of them.
-Corners direction_corners(sampler2D cells, usampler2D regions, int steps, vec3 direction) {
+// STEPS lead from the region of a cell's middle to that of any of its points. The few are unrolled, as their number is
+// compiled in: a loop that goes on as long as any pixel asks costs Mesa's software rasteriser more than all of them.
+Corners direction_corners(sampler2D cells, usampler2D regions, vec3 direction) {
     float rows = 1.0 / float(textureSize(regions, 0).y);
     float row = (textureLod(cells, 0.5 * direction.xy + 0.5, 0.0).r + 0.5) * rows;
     Region region = region_at(regions, row, direction.xy);
-    for (int i = 0; i < steps; ++i) {
+    for (int i = 0; i < STEPS; ++i) {
         float worst = min(min(region.tests.x, region.tests.y), region.tests.z);
         uint shift = worst == region.tests.x ? 0u : worst == region.tests.y ? 10u : 20u;
         row = worst < 0.0 ? (float((region.beyond >> shift) & 1023u) + 0.5) * rows : row;

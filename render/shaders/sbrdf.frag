@@ -1,6 +1,6 @@
 // Lobes times shadow of the points seen from the top, centres of hidden ones (processing.products.SbrdfPlus.evaluate).
 // LEVELS, where set, tells how many levels there are from fine to coarse, of which two are blended by what a pixel covers;
-// LOBES is the largest number of lobes of a texel; LIGHT_STEPS and VIEW_STEPS: see directions.glsl.
+// LOBES is the largest number of lobes of a texel; STEPS: see directions.glsl.
 #include "directions.glsl"
 #include "lobe.glsl"
 
@@ -99,7 +99,7 @@ Material material_at(vec2 uv, vec3 view, int level) {
     Material here;
     vec4 area = areas[level];
     here.above = view.z > 0.0;
-    here.seen = direction_corners(view_cells, view_regions, VIEW_STEPS, view);
+    here.seen = direction_corners(view_cells, view_regions, view);
     here.place = place_at(uv, area);
     here.hidden = 0;
     here.share = 0.0;
@@ -163,7 +163,7 @@ vec3 unseen(Material here, Corners lit) {
 }
 
 vec3 outgoing(Material here, vec3 light) {
-    Corners lit = direction_corners(light_cells, light_regions, LIGHT_STEPS, light);
+    Corners lit = direction_corners(light_cells, light_regions, light);
     vec4 open = lit.weights.x * textureLod(shadow, vec3(here.moved.low, float(lit.indices.x)), 0.0)
               + lit.weights.y * textureLod(shadow, vec3(here.moved.low, float(lit.indices.y)), 0.0)
               + lit.weights.z * textureLod(shadow, vec3(here.moved.low, float(lit.indices.z)), 0.0);

@@ -6,7 +6,7 @@ import numpy as np
 from processing.products import FactoredBtf
 from render.arrays import Float64, Rows
 from render.programs import Binding
-from render.textures import direction_steps, direction_tables, table, texture_array
+from render.textures import direction_tables, table, texture_array
 
 SHADER = "btf.frag"
 
@@ -22,7 +22,7 @@ def upload(context: moderngl.Context, btf: FactoredBtf) -> Binding:
     values = {"rank": rank, "lights": lights}
     for name, mesh in (("light", btf.lights), ("view", btf.views)):
         textures |= direction_tables(context, name, mesh)
-    return Binding(SHADER, textures, values, frozenset([direction_steps(btf.lights, btf.views)]))
+    return Binding(SHADER, textures, values)
 
 
 def outgoing(btf: FactoredBtf, uv: Rows, light: Rows, view: Rows) -> Float64:

@@ -8,7 +8,7 @@ import numpy as np
 from processing.products import LafortuneTexels, SbrdfPlus
 from render.arrays import Float32, Float64, Int32, Rows
 from render.programs import Binding
-from render.textures import direction_steps, direction_tables, table, texture_array
+from render.textures import direction_tables, table, texture_array
 
 SHADER = "sbrdf.frag"
 # A level is chosen by the shorter side of what a pixel covers, unless the longer one is more than so many times longer.
@@ -36,10 +36,9 @@ def upload(context: moderngl.Context, sbrdf: SbrdfPlus) -> Binding:
     textures["centres"] = table(context, _centres(levels))
     for name, mesh in (("light", sbrdf.lights), ("view", sbrdf.views)):
         textures |= direction_tables(context, name, mesh)
-    defines = [f"LOBES {present}", direction_steps(sbrdf.lights, sbrdf.views)]
     blended = [f"LEVELS {len(levels)}"] if len(levels) > 1 else []
     values = {"areas": areas.astype(np.float32), "shift_units": (1.0 / np.array(units)).astype(np.float32)}
-    return Binding(SHADER, textures, values, frozenset([*defines, *blended]))
+    return Binding(SHADER, textures, values, frozenset([f"LOBES {present}", *blended]))
 
 
 def outgoing(sbrdf: SbrdfPlus, uv: Rows, light: Rows, view: Rows, footprint: Rows | None = None) -> Float64:

@@ -66,11 +66,6 @@ def direction_tables(context: moderngl.Context, name: str, mesh: DirectionMesh) 
     }
 
 
-def direction_steps(*meshes: DirectionMesh) -> str:
-    """The define that tells a shader how far from a cell's region its points may lie in any of the meshes."""
-    return f"STEPS {max(mesh.steps() for mesh in meshes)}"
-
-
 def _three(numbers: Rows, flag: Rows) -> Rows:
     """Three numbers (n, 3) of ten bits in one word (n,), and a flag above them."""
     a, b, c = numbers.astype(np.uint32).T

@@ -36,21 +36,18 @@ class Regions:
         first = 1 - (later * self.counted[region]).sum(axis=1)
         return np.column_stack([first, later])
 
-    def walk(self, region: Int32, xy: Float64) -> tuple[Int32, int]:
-        """The regions (n,) that hold points (n, 2), from where to start, and the most steps that one of them took.
-
-        A step goes across the border that is most trespassed.
-        """
+    def walk(self, region: Int32, xy: Float64) -> Int32:
+        """The regions (n,) that hold points (n, 2), from where to start: always across the border most trespassed."""
         region, moving = region.copy(), np.arange(len(region))
-        for steps in range(len(self.corners)):
+        for _ in range(len(self.corners)):
             tests = self.tests(region[moving], xy[moving])
             worst = tests.argmin(axis=1)
             outside = np.take_along_axis(tests, worst[:, None], axis=1)[:, 0] < -_TOLERANCE
             moving, worst = moving[outside], worst[outside]
             if not len(moving):
-                return region, steps
+                break
             region[moving] = self.beyond[region[moving], worst]
-        return region, len(self.corners)
+        return region
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,29 +85,12 @@ class DirectionMesh:
         nearest to it: continuous everywhere, and a measured direction answers for itself.
         """
         xy = np.asarray(direction, np.float64)[:, :2]
-        region, _ = self.regions.walk(self._start(xy), xy)
+        cell = np.clip(np.floor((xy + 1) * (CELLS / 2)).astype(np.intp), 0, CELLS - 1)
+        region = self.regions.walk(self.cells[cell[:, 1], cell[:, 0]], xy)
         weights = self.regions.tests(region, xy)
         weights[:, 1:] *= self.regions.counted[region]
         weights = np.maximum(weights, 0.0)
         return self.regions.corners[region], weights / weights.sum(axis=1, keepdims=True)
-
-    def steps(self) -> int:
-        """The most steps from the region of a cell to that of one of its points.
-
-        Found at four points of each cell, and beside each corner of each region, around which most regions meet.
-        """
-        side = (np.arange(2 * CELLS) + 0.5) / CELLS - 1
-        grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-        corners = self.directions[:, :2][self.triangles]
-        beside = corners + 1e-4 * (corners.mean(axis=1, keepdims=True) - corners)
-        points = np.concatenate([grid[(grid * grid).sum(axis=1) <= 1], beside.reshape(-1, 2)])
-        return self.regions.walk(self._start(points), points)[1]
-
-    def _start(self, xy: Float64) -> Int32:
-        """The regions of the cells that points (n, 2) lie in."""
-        cell = np.clip(np.floor((xy + 1) * (CELLS / 2)).astype(np.intp), 0, CELLS - 1)
-        found: Int32 = self.cells[cell[:, 1], cell[:, 0]]
-        return found
 
 
 def _triangles(xy: Float64) -> Int32:
@@ -171,7 +151,7 @@ def _cross(a: Float64, b: Float64) -> Float64:
 def _cell_table(regions: Regions) -> Int32:
     centre = (np.arange(CELLS) + 0.5) * (2 / CELLS) - 1
     points = np.stack(np.meshgrid(centre, centre), axis=-1).reshape(-1, 2)
-    return regions.walk(np.zeros(len(points), np.int32), points)[0].reshape(CELLS, CELLS)
+    return regions.walk(np.zeros(len(points), np.int32), points).reshape(CELLS, CELLS)
 
 
 def toward(points: Float64, direction: Float64, distance: float) -> Float64:

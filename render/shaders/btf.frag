@@ -1,5 +1,4 @@
 // Sum of eigenmaps over light times weights over view (processing.products.FactoredBtf.evaluate), times the cosine.
-// STEPS: see directions.glsl.
 #include "bilinear.glsl"
 #include "directions.glsl"
 

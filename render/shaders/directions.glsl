@@ -24,18 +24,25 @@ Region region_at(usampler2D regions, float row, vec2 place) {
     return region;
 }
 
-// STEPS lead from the region of a cell's middle to that of any of its points. The few are unrolled, as their number is
-// compiled in: a loop that goes on as long as any pixel asks costs Mesa's software rasteriser more than all of them.
+const int MOST_STEPS = 64;
+
+// From the region of a cell's middle it is a step or two to that of any of its points. Software rasterisers go on as long
+// as one of the pixels that they shade at once asks, and look at that only where a loop ends.
 Corners direction_corners(sampler2D cells, usampler2D regions, vec3 direction) {
     float rows = 1.0 / float(textureSize(regions, 0).y);
     float row = (textureLod(cells, 0.5 * direction.xy + 0.5, 0.0).r + 0.5) * rows;
-    Region region = region_at(regions, row, direction.xy);
-    for (int i = 0; i < STEPS; ++i) {
+    Region region;
+    bool outside;
+    int steps = 0;
+    do {
+        region = region_at(regions, row, direction.xy);
         float worst = min(min(region.tests.x, region.tests.y), region.tests.z);
         uint shift = worst == region.tests.x ? 0u : worst == region.tests.y ? 10u : 20u;
-        row = worst < 0.0 ? (float((region.beyond >> shift) & 1023u) + 0.5) * rows : row;
-        region = region_at(regions, row, direction.xy);
-    }
+        // On a border rounding would send a point to and fro.
+        outside = worst < -2e-7;
+        // Mesa goes on computing for pixels that have left the loop: a further turn must leave them as they are.
+        row = outside ? (float((region.beyond >> shift) & 1023u) + 0.5) * rows : row;
+    } while (outside && ++steps < MOST_STEPS);
     vec3 weights = max(region.tests * vec3(1.0, uvec2(region.beyond, region.corners) >> 30u), 0.0);
     Corners corners;
     corners.indices = ivec3((uvec3(region.corners) >> uvec3(0u, 10u, 20u)) & 1023u);

@@ -1,6 +1,6 @@
 // Lobes times shadow of the points seen from the top, centres of hidden ones (processing.products.SbrdfPlus.evaluate).
 // LEVELS, where set, tells how many levels there are from fine to coarse, of which two are blended by what a pixel covers;
-// LOBES is the largest number of lobes of a texel; STEPS: see directions.glsl.
+// LOBES is the largest number of lobes of a texel.
 #include "directions.glsl"
 #include "lobe.glsl"
 
@@ -145,20 +145,22 @@ vec3 reflected(Texel texel, vec3 light) {
 }
 
 // What hidden points among the four texels reflect. Software rasterisers run both sides of a branch, but a loop only
-// as often as one of the pixels that they shade at once asks for.
+// as often as one of the pixels that they shade at once asks for: once at least, here with nothing to add.
 vec3 unseen(Material here, Corners lit) {
     vec3 total = vec3(0.0);
     vec2 size = vec2(textureSize(centres, 0));
     vec3 columns = (vec3(lit.indices) + 0.5) / size.x;
-    for (int left = here.hidden; left != 0; left &= left - 1) {
-        int bit = (floatBitsToInt(float(left & -left)) >> 23) - 127;
+    int left = here.hidden;
+    do {
+        int bit = max(floatBitsToInt(float(left & -left)) >> 23, 127) - 127;
         uvec4 codes = textureLod(shift, vec3(here.place.low, float(here.seen.indices[bit / 4])), 0.0);
-        float row = (float(codes[bit % 4] ^ HIDDEN) + 0.5) / size.y;
+        float row = (float(codes[bit % 4] & ~HIDDEN) + 0.5) / size.y;
         vec3 centre = lit.weights.x * textureLod(centres, vec2(columns.x, row), 0.0).rgb
                     + lit.weights.y * textureLod(centres, vec2(columns.y, row), 0.0).rgb
                     + lit.weights.z * textureLod(centres, vec2(columns.z, row), 0.0).rgb;
-        total += here.seen.weights[bit / 4] * here.place.weights[bit % 4] * centre;
-    }
+        total += (left == 0 ? 0.0 : here.seen.weights[bit / 4] * here.place.weights[bit % 4]) * centre;
+        left &= left - 1;
+    } while (left != 0);
     return total;
 }
 

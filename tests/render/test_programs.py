@@ -56,7 +56,7 @@ def test_missing_shader_is_named(gl, folder):
 @pytest.mark.parametrize("shader", sorted(path.name for path in SHADERS.glob("*.frag")))
 @pytest.mark.parametrize("defines", [(), ("G_BUFFER",), ("GRADIENT_MAP",), ("G_BUFFER", "GRADIENT_MAP")])
 def test_every_variant_of_every_shader_compiles(gl, shader, defines):
-    own = {"srf.frag": ("BASIS_HALF",), "btf.frag": ("STEPS 3",), "sbrdf.frag": ("LOBES 3", "STEPS 0")}.get(shader, ())
+    own = {"srf.frag": ("BASIS_HALF",), "sbrdf.frag": ("LOBES 3",)}.get(shader, ())
     with gl.context:
         compile_program(gl.context, "surface.vert", shader, frozenset((*defines, *own))).release()
 
@@ -64,7 +64,7 @@ def test_every_variant_of_every_shader_compiles(gl, shader, defines):
 @pytest.mark.parametrize("defines", [(), ("G_BUFFER",), ("GRADIENT_MAP",), ("G_BUFFER", "GRADIENT_MAP")])
 @pytest.mark.parametrize("lobes", [0, 3])
 def test_shader_of_several_levels_compiles(gl, defines, lobes):
-    own = ("LEVELS 7", f"LOBES {lobes}", "STEPS 6")
+    own = ("LEVELS 7", f"LOBES {lobes}")
     with gl.context:
         compile_program(gl.context, "surface.vert", "sbrdf.frag", frozenset((*defines, *own))).release()
 

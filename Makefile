@@ -33,8 +33,9 @@ check: setup
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
+# A worker for each core; a file's tests stay together, for they share rigs and sessions.
 test: check peers
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-long: setup
 	$(BIN)/python -m pytest -m long

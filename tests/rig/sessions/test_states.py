@@ -48,14 +48,14 @@ def test_every_state_can_be_reached_and_left():
         assert State.FINISHED in reachable(state)
 
 
-@pytest.mark.parametrize("state", ACTIVE)
+@pytest.mark.parametrize("state", sorted(ACTIVE))
 def test_an_active_session_can_always_be_stopped_and_can_always_fail(state):
     assert state is State.ABORTING or Action.ABORT in allowed(state)
     assert TRANSITIONS[state, Action.FAIL] is State.FAILED
     assert TRANSITIONS[state, Action.INTERRUPT] is State.INTERRUPTED
 
 
-@pytest.mark.parametrize("state", ENDS)
+@pytest.mark.parametrize("state", sorted(ENDS))
 def test_after_an_end_only_a_start_is_possible(state):
     assert set(allowed(state)) <= {Action.START}
     assert (Action.START in allowed(state)) == (state is not State.FINISHED)

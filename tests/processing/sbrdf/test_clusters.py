@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.products import Btf
+from processing.products import Btf, StoredBtf
 from processing.sbrdf.clusters import ClusterStatus, centre_count, cluster_hidden
 from processing.sbrdf.k_means import KMeansStatus, k_means, nearest_centre
 from processing.sbrdf.k_means_kernel import rounds, seed
@@ -116,6 +116,16 @@ def test_order_of_views_does_not_matter():
     for place, view in enumerate(order):
         mine = one.centres[one.index[view][mask[view]]]
         np.testing.assert_array_equal(mine, other.centres[other.index[place][mask[view]]])
+
+
+def test_a_stored_btf_gives_the_same(tmp_path):
+    """Views are read by several threads at a time."""
+    seen, mask = samples(), hidden()
+    seen.btf.save(tmp_path)
+    one = cluster_hidden(Samples(StoredBtf.open(tmp_path), seen.scale), mask, 20)
+    other = cluster_hidden(Samples(Btf.load(tmp_path), seen.scale), mask, 20)
+    np.testing.assert_array_equal(one.index, other.index)
+    np.testing.assert_array_equal(one.centres, other.centres)
 
 
 def test_one_view_takes_all():

@@ -206,6 +206,23 @@ def import_(
 
 
 @app.command()
+def analyse(
+    product: Annotated[Path, typer.Argument(metavar="BTF", help="Folder of a btf, of the rig or imported.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results, new or empty.")],
+) -> None:
+    """Take a BTF apart into SBRDF+: lobes, shadows, shifts and hidden points, as pictures, figures and a product.
+
+    The product draws as the BTF does and is some thirty times smaller; the pictures show each step and the result
+    beside the BTF. What it needs and writes: docs/analyse-a-btf.md
+    """
+    from service import analysing
+
+    with reported_errors(), ConsoleProgress() as progress:
+        for line in analysing.analyse_product(product, out, progress):
+            tell(line)
+
+
+@app.command()
 def drape(
     product: Annotated[Path, typer.Argument(metavar="SRF", help="Folder of an SRF.")],
     mesh: Annotated[str, typer.Argument(help="A mesh file (OBJ, PLY, GLB), or sphere, torus, vase, statue.")],

@@ -1,4 +1,4 @@
-"""The BTF of a flat sample, and its factors, from a `btf` session."""
+"""The BTF of a flat sample, its factors and its SBRDF+, from a `btf` session."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,14 +16,16 @@ from rig.config import RigConfig, SampleHolder
 from rig.sessions import BtfPlan, Session
 from service.pipeline.calibrations import Calibrations
 from service.pipeline.inputs import Progress, fingerprint, is_current, provenance
+from service.pipeline.sbrdf import make_sbrdf_plus
 from service.pipeline.stacks import Stack, light_direction, merge, stacks
 
 Array = NDArray[np.float64]
+PRODUCTS = ("btf", "factored_btf", "sbrdf_plus")
 
 
 def make_btf(session: Session, calibrations: Calibrations, progress: Progress, rank: int) -> list[Path]:
-    """The BTF on the sample's texels, and its factors."""
-    folder, factored = session.products / "btf", session.products / "factored_btf"
+    """The BTF on the sample's texels, its factors, and where its directions can carry that its SBRDF+."""
+    folder, factored, plus = (session.products / name for name in PRODUCTS)
     records = session.frames()
     grid = texels_of(session)
     measured_on = {"texels": grid.count} | ({"depth_m": grid.depth_m} if grid.depth_m else {})
@@ -34,7 +36,8 @@ def make_btf(session: Session, calibrations: Calibrations, progress: Progress, r
         source = provenance(session, inputs | {"rank": rank})
         factors = factor_btf(StoredBtf.open(folder), rank).btf
         FactoredBtf(factors.eigenmaps, factors.weights, factors.lights, factors.views, source).save(factored)
-    return [folder, factored]
+    analysable = is_current(plus, inputs) or make_sbrdf_plus(folder, plus, provenance(session, inputs), progress)
+    return [folder, factored, plus] if analysable else [folder, factored]
 
 
 @dataclass(frozen=True, eq=False)

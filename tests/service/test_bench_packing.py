@@ -10,7 +10,7 @@ from tests.benchmarks.yardsticks.btf_samples import quick_directions, ray_traced
 @pytest.fixture(scope="module")
 def weave():
     directions = quick_directions()
-    return ray_traced("weave", 16, 2, directions, directions[[0, 8, 12, 16]])
+    return ray_traced("weave", 24, 2, directions, directions[[0, 8, 12, 16]])
 
 
 def test_sizes_are_those_of_the_layouts():

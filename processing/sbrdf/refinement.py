@@ -1,6 +1,11 @@
-"""Hidden points that look like a point seen from the top after all take its place (Chen et al., 2.3.2)."""
+"""Shifts and hidden points of every view, from the voted ones, the tile's height field and the light from above.
 
-from typing import Protocol
+The paper (Chen et al., 2.3.2) takes the voted shifts as they are and looks for the likes of hidden points in the tile.
+Here a height field that all views share predicts the shifts first; and the light that comes from where the top view
+looks tells what is hidden: it reaches just what that view sees.
+"""
+
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -8,122 +13,124 @@ from numpy.typing import NDArray
 
 from processing.products.arrays import Float32
 from processing.sbrdf.flow_votes import Occlusion
+from processing.sbrdf.heights import Reconstruction, asked_views, between, points, slope, visible, vote_heights
+from processing.sbrdf.like_points import best_matches
 from processing.sbrdf.samples import Samples
 
-WINDOW = 256  # texels of a side within which a hidden point looks for its like, cut to the tile
-_SHORTLIST = 8
-_TOGETHER = 512  # hidden points whose distances to all texels are in memory at a time
+Mask = NDArray[np.bool_]
 
-
-class Reconstruction(Protocol):
-    """Values that lobes and shadows of the points seen from the top give, in the domain of `Samples`."""
-
-    def seen_from(self, view: int) -> Float32:
-        """Every texel of the top view as this view would see it, (light, y, x, 3)."""
+_NEARLY_SAME = 0.996  # cosine between the top view and a light that sees the same: 5 deg
+_UNLIT = 0.07  # of what points seen from the top show under the light from above
+_CLEARER = 0.9  # of a distance: below, a place close by is preferred
+_BY_FAR = 0.5  # below, one anywhere in the tile
+_AROUND = 1  # texels around a shift that are tried where it does not match
 
 
 def refine(samples: Samples, reconstruction: Reconstruction, voted: Occlusion) -> Occlusion:
-    """The hidden points of each view that match a point seen from the top as well as the others do on average.
+    """What each view sees, after the heights, the light from above and the search for likes have had their say.
 
-    Distance is the mean over lights and channels of |BTF(x, L, V) - reconstruction(x', L, V)|, of what both have; x' is
-    the best of all texels of the tile, the threshold the mean distance of the view's other points at their shifts. The
-    best by squared distance (matrix products) are ranked again by this one.
+    A distance is the mean over lights and channels of |BTF(x, L, V) - reconstruction(x', L, V)|, of what both have. Of
+    predicted and voted shift the predicted one is taken unless the other is clearly nearer. Where a light stands within
+    5 deg of the top view, hidden is what it does not reach; else the voted hidden points are, but for those whose like
+    in the tile is nearer than the view's other points are to theirs on average (the paper's rule). Points that are not
+    hidden and farther than that average move by up to a texel; those twice as far to their like in the tile, if it is
+    nearer by far. Views lower than 81 deg keep what was voted.
     """
+    heights = vote_heights(samples, reconstruction)
+    light = overhead(samples)
     shift, hidden = voted.shift.copy(), voted.hidden.copy()
-    for view in np.flatnonzero(hidden.any(axis=(1, 2))):
-        seen, drawn = (_points(some.seen_from(int(view))) for some in (samples, reconstruction))
-        apart = distances(seen, drawn, shift[view])
-        others = apart[~hidden[view] & np.isfinite(apart)]
-        if not len(others):
-            continue
-        places = np.argwhere(hidden[view])
-        moved, distance = best_matches(seen, drawn, places)
-        better = distance < others.mean(dtype=np.float64)
-        rows, columns = places[better].T
-        shift[view, rows, columns] = moved[better]
-        hidden[view, rows, columns] = False
-    return Occlusion(shift, hidden, voted.hidden_ratio)
+    for view in asked_views(samples):
+        pictures = _Pictures.of(samples, reconstruction, view)
+        direction = samples.view_directions[view]
+        predicted = (visible(heights, direction)[..., None] * slope(direction)).astype(np.float32)
+        moved = pictures.nearer(predicted, voted.shift[view])
+        if light is None:
+            moved, hidden[view] = _elevated(pictures, moved, hidden[view])
+        else:
+            hidden[view] = unlit(pictures.seen, pictures.drawn, light)
+        shift[view] = _settled(pictures, moved, hidden[view])
+    shift[hidden] = 0
+    return replace(voted, shift=shift, hidden=hidden)
 
 
-def _points(values: Float32) -> Float32:
-    """(light, y, x, channel) as (y, x, light * channel), contiguous."""
-    lights, height, width, channels = values.shape
-    return np.ascontiguousarray(np.moveaxis(values, 0, 2)).reshape(height, width, lights * channels)
+@dataclass(frozen=True, eq=False)
+class _Pictures:
+    """What a view sees, and what the reconstruction says that it would see of each point of the top view."""
+
+    seen: Float32
+    drawn: Float32
+
+    @classmethod
+    def of(cls, samples: Samples, reconstruction: Reconstruction, view: int) -> "_Pictures":
+        return cls(points(samples.seen_from(view)), points(reconstruction.seen_from(view)))
+
+    def nearer(self, shift: Float32, other: Float32) -> Float32:
+        """Of two shifts (y, x, 2) the first, unless the second is clearly nearer."""
+        better = distances(self.seen, self.drawn, other) < _CLEARER * distances(self.seen, self.drawn, shift)
+        return np.where(better[..., None], other, shift)
+
+    def matched(self, shift: Float32, places: NDArray[np.intp], limit: Float32) -> tuple[Float32, Mask]:
+        """Shifts to the likes of the points at `places` (n, 2) where these are nearer than `limit`, and which are."""
+        found, distance = best_matches(self.seen, self.drawn, places)
+        better = distance < limit
+        moved = shift.copy()
+        moved[places[better, 0], places[better, 1]] = found[better]
+        return moved, better
 
 
-def best_matches(seen: Float32, drawn: Float32, places: NDArray[np.intp]) -> tuple[Float32, Float32]:
-    """Shift (n, 2) in texels right, down of the points of `seen` at `places` (n, 2) to their like in `drawn`.
+def _elevated(pictures: _Pictures, shift: Float32, hidden: Mask) -> tuple[Float32, Mask]:
+    """The paper's rule: hidden points nearer to their like than the others are on average are not hidden."""
+    usual = _usual(distances(pictures.seen, pictures.drawn, shift), hidden)
+    places = np.argwhere(hidden)
+    moved, better = pictures.matched(shift, places, np.full(len(places), usual, np.float32))
+    left = hidden.copy()
+    left[places[better, 0], places[better, 1]] = False
+    return moved, left
 
-    And its distance (n,), inf where nothing can be compared. `seen` and `drawn` are (y, x, values).
+
+def _settled(pictures: _Pictures, shift: Float32, hidden: Mask) -> Float32:
+    """Shifts (y, x, 2) of points that match worse than usual, at the nearest place close by or at their like."""
+    apart = distances(pictures.seen, pictures.drawn, shift)
+    usual = _usual(apart, hidden)
+    moved, apart = _close_by(pictures.seen, pictures.drawn, shift, apart, np.where(hidden, np.inf, usual))
+    places = np.argwhere(~hidden & (apart > 2 * usual))
+    return pictures.matched(moved, places, _BY_FAR * apart[places[:, 0], places[:, 1]])[0]
+
+
+def _usual(apart: Float32, hidden: Mask) -> np.float32:
+    """Mean distance of the points that are not hidden; 0 where there are none."""
+    others = apart[~hidden & np.isfinite(apart)]
+    return np.float32(others.mean(dtype=np.float64)) if len(others) else np.float32(0)
+
+
+def overhead(samples: Samples) -> int | None:
+    """The light that shines from where the top view looks, within 5 deg and lit; None where there is none."""
+    cosine = samples.light_directions @ samples.view_directions[samples.top]
+    light = int(np.argmax(cosine))
+    if cosine[light] < _NEARLY_SAME:
+        return None
+    return light if np.nansum(samples.seen_from(samples.top)[light]) > 0 else None
+
+
+def unlit(seen: Float32, drawn: Float32, light: int) -> Mask:
+    """Points (y, x) of `seen` that a light leaves dark, measured by what it does to those of `drawn`.
+
+    Both are (y, x, light * 3). A point's value under the light counts over the root mean square of all its values;
+    dark is below 0.07 of the median of `drawn`. So views in which the material itself is dark under that light, as a
+    mirror is, tell of nothing; nor do points that no light brightens.
     """
-    height, width, _ = seen.shape
-    wanted = drawn.reshape(height * width, -1)
-    known, products = _split(wanted)
-    shift, distance = np.zeros((len(places), 2), np.float32), np.full(len(places), np.inf, np.float32)
-    for start in range(0, len(places), _TOGETHER):
-        part = slice(start, start + _TOGETHER)
-        points = seen[places[part, 0], places[part, 1]]
-        near = _squared(points, known, products)
-        far = _outside(places[part], (height, width))
-        near[far] = np.inf
-        count = min(_SHORTLIST, near.shape[1])
-        candidates = np.argpartition(near, count - 1, axis=1)[:, :count]
-        candidates.sort(axis=1)
-        _rank(points, wanted, candidates, near, places[part], width, shift[part], distance[part])
-    _wrap(shift, (height, width))
-    return shift, distance
+    shares = _shares(drawn, light)
+    known = shares[np.isfinite(shares)]
+    dark: Mask = _shares(seen, light) < _UNLIT * (np.median(known) if len(known) else 0.0)
+    return dark
 
 
-def _split(values: Float32) -> tuple[Float32, Float32]:
-    """What is known of (n, values), as 1 and 0, and the values with 0 for what is not."""
-    known = np.isfinite(values)
-    return known.astype(np.float32), np.where(known, values, np.float32(0))
-
-
-def _squared(points: Float32, known: Float32, values: Float32) -> Float32:
-    """Mean squared difference (n, m) of what both know, inf where that is nothing."""
-    known_points, zeroed = _split(points)
-    total = -2 * (zeroed @ values.T)
-    if known.all() and known_points.all():
-        total += (zeroed**2).sum(axis=1)[:, None] + (values**2).sum(axis=1)
-        return np.asarray(total, np.float32)
-    total += (zeroed**2) @ known.T + known_points @ (values**2).T
-    both = known_points @ known.T
-    return np.where(both > 0, total / np.maximum(both, 1), np.inf).astype(np.float32)
-
-
-def _outside(places: NDArray[np.intp], size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Which texels (n, y * x) lie outside the window around each place; none on tiles up to the window's size."""
-    apart = [
-        np.abs((np.arange(side) - place[:, None] + side // 2) % side - side // 2) > WINDOW // 2
-        for side, place in zip(size, places.T, strict=True)
-    ]
-    outside: NDArray[np.bool_] = (apart[0][:, :, None] | apart[1][:, None, :]).reshape(len(places), -1)
-    return outside
-
-
-def _wrap(shift: Float32, size: tuple[int, int]) -> None:
-    """The shortest of the shifts that lead to the same texel of a tile that repeats."""
-    for axis, side in enumerate(reversed(size)):
-        shift[:, axis] -= side * np.rint(shift[:, axis] / side)
-
-
-@numba.njit(cache=True, nogil=True)
-def _rank(points, wanted, candidates, near, places, width, shift, distance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, PLR0913
-    for i in range(len(points)):
-        for candidate in candidates[i]:
-            if not near[i, candidate] < np.inf:
-                continue
-            total, count = 0.0, 0
-            for k in range(points.shape[1]):
-                apart = abs(points[i, k] - wanted[candidate, k])
-                if apart < np.inf:
-                    total += apart
-                    count += 1
-            if count > 0 and total / count < distance[i]:
-                distance[i] = total / count
-                shift[i, 0] = candidate % width - places[i, 1]
-                shift[i, 1] = candidate // width - places[i, 0]
+def _shares(values: Float32, light: int) -> Float32:
+    """Grey value (y, x) under a light over the root mean square under all that are known; NaN of what is black."""
+    grey = values.reshape(*values.shape[:2], -1, 3).mean(axis=-1)
+    known = np.isfinite(grey)
+    squares = np.square(grey, where=known, out=np.zeros_like(grey)).sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
+    return np.asarray(grey[..., light] / np.where(squares > 0, np.sqrt(squares), np.nan), np.float32)
 
 
 @numba.njit(cache=True, parallel=True)
@@ -132,22 +139,30 @@ def distances(seen: Float32, drawn: Float32, shift: Float32) -> Float32:
 
     NaN where nothing can be compared; values of which one of the five is missing are left out.
     """
-    height, width, count = seen.shape
+    height, width, _ = seen.shape
     out = np.empty((height, width), np.float32)
     for y in numba.prange(height):
         for x in range(width):
-            right, down = x + shift[y, x, 0], y + shift[y, x, 1]
-            column, row = int(np.floor(right)), int(np.floor(down))
-            fx, fy = np.float32(right - column), np.float32(down - row)
-            row, column = row % height, column % width
-            below, beside = (row + 1) % height, (column + 1) % width
-            total, compared = 0.0, 0
-            for k in range(count):
-                upper = drawn[row, column, k] * (1 - fx) + drawn[row, beside, k] * fx
-                lower = drawn[below, column, k] * (1 - fx) + drawn[below, beside, k] * fx
-                apart = abs(seen[y, x, k] - (upper * (1 - fy) + lower * fy))
-                if apart < np.inf:
-                    total += apart
-                    compared += 1
-            out[y, x] = total / compared if compared else np.nan
+            out[y, x] = between(seen[y, x], drawn, x + shift[y, x, 0], y + shift[y, x, 1])
     return out
+
+
+@numba.njit(cache=True, parallel=True)
+def _close_by(seen: Float32, drawn: Float32, shift: Float32, apart: Float32, limit: Float32) -> tuple[Float32, Float32]:
+    """Of points farther apart than `limit` (y, x) the nearest of the shifts a texel around, and their distances."""
+    height, width, _ = seen.shape
+    moved, nearest = shift.copy(), apart.copy()
+    for y in numba.prange(height):
+        for x in range(width):
+            if not apart[y, x] > limit[y, x]:
+                continue
+            least = np.float32(_CLEARER) * apart[y, x]
+            for down in range(-_AROUND, _AROUND + 1):
+                for right in range(-_AROUND, _AROUND + 1):
+                    to_right, to_below = shift[y, x, 0] + right, shift[y, x, 1] + down
+                    distance = between(seen[y, x], drawn, x + to_right, y + to_below)
+                    if distance < least:
+                        least = distance
+                        nearest[y, x] = distance
+                        moved[y, x, 0], moved[y, x, 1] = to_right, to_below
+    return moved, nearest

@@ -7,7 +7,8 @@ import pytest
 
 from processing.products import Btf
 from processing.sbrdf.flow_votes import Occlusion
-from processing.sbrdf.refinement import best_matches, distances, refine
+from processing.sbrdf.like_points import best_matches
+from processing.sbrdf.refinement import distances, refine
 from processing.sbrdf.samples import Samples
 from tests.reference import occlusion as plain
 

@@ -16,7 +16,7 @@ from processing.sbrdf.samples import Samples
 Mask = NDArray[np.bool_]
 
 HIDDEN_ABOVE = 0.7  # the paper's threshold of HiddenRatio
-_APART = 1.0  # texels that forward and backward flow may miss each other by
+_APART = 0.2  # texels that forward and backward flow may miss each other by: what meets so is closest to the truth
 _AGREE = 0.7  # texels within which two motion vectors are one vote
 _LIGHTS = 27  # that are asked of a view, where there are more: the vote's outcome hardly changes with the rest
 _LEAST_TEXTURE = 0.005  # deviation of a picture over its mean: below there is nothing to follow
@@ -133,7 +133,7 @@ def _followed(flow: cv2.DenseOpticalFlow, start: NDArray[np.uint8], end: NDArray
 
 
 def _meet(forth: Float32, back: Float32) -> Mask:
-    """Where the flow there and the flow back from there end within a texel of the start."""
+    """Where the flow there and the flow back from there end near the start."""
     rows, columns = np.mgrid[: forth.shape[0], : forth.shape[1]].astype(np.float32)
     returned = cv2.remap(back, columns + forth[..., 0], rows + forth[..., 1], cv2.INTER_LINEAR, None,
                          cv2.BORDER_CONSTANT, np.nan)  # fmt: skip

@@ -21,9 +21,11 @@ LIGHTS = 27  # that are compared, where there are more: the field hardly changes
 _STEPS = 40  # between the lowest height and the highest
 _REACH = 0.08  # heights that are tried, over the tile's shorter side
 _LEAST_REACH = 2.0
+INDISTINCT = 1e-4  # distances of values of which white is 1 that tell nothing
 _MISFIT = 1.5  # mean distances of a view's best heights above which it only says that it does not see the point
+_FLAT = 1e-3  # of such mean distances: less between the best and the worst height is no preference
 _BESIDE, _JUMP = 0.02, 0.1  # cost of a height that differs from its neighbour's by one step, by more
-_MARCH = 0.25  # texels from one place of a view's ray to the next
+_MARCH = 0.125  # texels from one place of a view's ray to the next
 
 
 class Reconstruction(Protocol):
@@ -49,10 +51,8 @@ def vote_heights(samples: Samples, reconstruction: Reconstruction) -> Float32:
         seen, drawn = (points(some.seen_from(view), LIGHTS) for some in (samples, reconstruction))
         cost = _mismatch(seen, drawn, -levels[:, None] * slope(samples.view_directions[view]))
         total += _capped(cost)
-    if np.ptp(total) == 0:
-        return np.zeros((height, width), np.float32)
-    views = max(len(asked_views(samples)), 1)
-    return _minimum(_smoothed(total / np.float32(views)), levels)
+    smooth = _smoothed(total / np.float32(max(len(asked_views(samples)), 1)))
+    return np.where(np.ptp(smooth, axis=-1) < _FLAT, np.float32(0), _minimum(smooth, levels))
 
 
 def asked_views(samples: Samples) -> list[int]:
@@ -88,9 +88,8 @@ def _capped(cost: Float32) -> Float32:
     """Distances over the median of the best, cut; those that compare nothing say as much as those that do not match."""
     best = np.min(np.where(np.isfinite(cost), cost, np.inf), axis=-1)
     usual = np.median(best[np.isfinite(best)]) if np.isfinite(best).any() else 0.0
-    if not usual > 0:
-        return np.zeros_like(cost)
-    return np.minimum(np.where(np.isfinite(cost), cost / usual, np.inf), _MISFIT).astype(np.float32)
+    relative = cost / max(float(usual), INDISTINCT)
+    return np.minimum(np.where(np.isfinite(cost), relative, np.inf), _MISFIT).astype(np.float32)
 
 
 def _smoothed(cost: Float32) -> Float32:

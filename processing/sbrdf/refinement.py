@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 
 from processing.products.arrays import Float32
 from processing.sbrdf.flow_votes import Occlusion
-from processing.sbrdf.heights import Reconstruction, asked_views, between, points, slope, visible, vote_heights
+from processing.sbrdf.heights import (
+    INDISTINCT,
+    Reconstruction,
+    asked_views,
+    between,
+    points,
+    slope,
+    visible,
+    vote_heights,
+)
 from processing.sbrdf.like_points import best_matches
 from processing.sbrdf.samples import Samples
 
@@ -66,7 +75,8 @@ class _Pictures:
 
     def nearer(self, shift: Float32, other: Float32) -> Float32:
         """Of two shifts (y, x, 2) the first, unless the second is clearly nearer."""
-        better = distances(self.seen, self.drawn, other) < _CLEARER * distances(self.seen, self.drawn, shift)
+        first, second = (distances(self.seen, self.drawn, way) for way in (shift, other))
+        better = (first > INDISTINCT) & (second < _CLEARER * first)
         return np.where(better[..., None], other, shift)
 
     def matched(self, shift: Float32, places: NDArray[np.intp], limit: Float32) -> tuple[Float32, Mask]:
@@ -98,9 +108,9 @@ def _settled(pictures: _Pictures, shift: Float32, hidden: Mask) -> Float32:
 
 
 def _usual(apart: Float32, hidden: Mask) -> np.float32:
-    """Mean distance of the points that are not hidden; 0 where there are none."""
+    """Mean distance of the points that are not hidden, at least one that tells something."""
     others = apart[~hidden & np.isfinite(apart)]
-    return np.float32(others.mean(dtype=np.float64)) if len(others) else np.float32(0)
+    return np.float32(max(others.mean(dtype=np.float64), INDISTINCT) if len(others) else INDISTINCT)
 
 
 def overhead(samples: Samples) -> int | None:

@@ -42,3 +42,13 @@ def best_match(point, drawn):
     distance = apart(drawn, point)
     row, column = np.unravel_index(np.argmin(distance), distance.shape)
     return row, column, distance[row, column]
+
+
+def first_meeting(heights, view, step=0.001):
+    """Height (y, x) at which each texel's ray down from a view meets the bilinear field, in small steps."""
+    out = np.full(heights.shape, np.nan)
+    for level in np.arange(heights.max(), heights.min() - step, -step):
+        way = np.broadcast_to(level * np.array([view[0], -view[1]]) / view[2], (*heights.shape, 2))
+        met = np.isnan(out) & (moved(heights[..., None].astype(float), way)[..., 0] >= level)
+        out[met] = level
+    return np.where(np.isnan(out), heights.min(), out)

@@ -1,6 +1,7 @@
 """Materials by formula, rough enough to show an error of a texel, a frame or a direction."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -100,7 +101,7 @@ def direction_rad(azimuth_rad: float, elevation_rad: float) -> np.ndarray:
     return np.array([level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), np.sin(elevation_rad)])
 
 
-def levelled(shape: tuple[int, int] = (24, 20), **kind: float) -> SbrdfPlus:
+def levelled(shape: tuple[int, int] = (24, 20), **kind: Any) -> SbrdfPlus:
     """The same with coarser levels down to one texel, which have nothing to do with each other: a wrong one shows."""
     sides = [shape]
     while max(sides[-1]) > 1:
@@ -117,13 +118,14 @@ def weave(
     centres: int = 40,
     largest_exponent: float = 60.0,
     seed: int = 1,
+    directions: np.ndarray | None = None,
 ) -> SbrdfPlus:
     """An SBRDF+ of no physics: smooth lobes, shadows and shifts of some texels, a share of hidden points.
 
     Shifts are in steps of an eighth of a texel, as those of a packed product are.
     """
     rng = np.random.default_rng(seed)
-    mesh = DirectionMesh.from_directions(hemisphere())
+    mesh = DirectionMesh.from_directions(hemisphere() if directions is None else directions)
     count = len(mesh.directions)
 
     def smooth(low, high, *more):

@@ -16,8 +16,9 @@ from processing.products.lafortune import LafortuneTexels
 from processing.sbrdf.clusters import centre_count, cluster_hidden
 from processing.sbrdf.flow_votes import Occlusion, vote_flow
 from processing.sbrdf.lafortune import LafortuneFit, fit_lafortune, lafortune_values
+from processing.sbrdf.places import moved
 from processing.sbrdf.refinement import refine
-from processing.sbrdf.registered import moved, refit
+from processing.sbrdf.registered import refit
 from processing.sbrdf.samples import BtfViews, Samples
 from processing.sbrdf.shaded_lobes import ShadedLobes, Views, fit_shaded
 from processing.sbrdf.shadows import Darkness, darkness, fit_lit, shadow_map

@@ -48,11 +48,11 @@ def _apart_where_known(one, other):  # type: ignore[no-untyped-def]  # noqa: ANN
 
 
 @numba.njit(cache=True, nogil=True)
-def nearest_of(seen: Float32, drawn: Float32, candidates: Ints, gain: float, chosen: Ints) -> None:
-    """Into `chosen` (point,) the candidate whose values have the least squared difference from the point's.
+def nearest_of(seen: Float32, drawn: Float32, candidates: Ints, extra: Float32, chosen: Ints) -> None:
+    """Into `chosen` (point,) the candidate of least squared difference from the point's values, plus its `extra`.
 
-    `seen` (point, values), `drawn` (texel, values), `candidates` (point, k) texels; a difference that is not finite is
-    left out. Another candidate than the first must lower the difference by the share `gain`.
+    `seen` (point, values), `drawn` (texel, values), `candidates` (point, k) texels, `extra` (point, k) what each costs
+    besides; the first of equals. A difference that is not finite is left out.
     """
     for point in range(len(seen)):
         values = seen[point]
@@ -62,6 +62,6 @@ def nearest_of(seen: Float32, drawn: Float32, candidates: Ints, gain: float, cho
         for k in range(candidates.shape[1]):
             other = drawn[candidates[point, k]]
             apart = _apart(values, other) if whole else _apart_where_known(values, other)
-            if apart < least:
-                least = apart if k > 0 else (1 - gain) * apart
+            if apart + extra[point, k] < least:
+                least = apart + extra[point, k]
                 chosen[point] = k

@@ -1,6 +1,6 @@
 """Lobes times one shadow per light (STVS), both of least squared error over all the views."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,7 +70,15 @@ def fit_shaded(seen: Views, start: LafortuneFit, rounds: int) -> ShadedLobes:
         best = either(best, lobes, worse)
         shadow = np.where(worse[:, None], shadow, new)
         error = np.where(worse, error, lower)
-    return ShadedLobes(best, shadow)
+    return _brightest_as_one(best, shadow)
+
+
+def _brightest_as_one(lobes: LafortuneFit, shadow: Float32) -> ShadedLobes:
+    """The same product; eight bits of a shadow are best used where the brightest light has 1."""
+    level = shadow.max(axis=1, keepdims=True)
+    level = np.where(level > 0, level, np.float32(1))
+    brighter = replace(lobes, diffuse=lobes.diffuse * level, albedo=lobes.albedo * level[..., None])
+    return ShadedLobes(brighter, np.asarray(shadow / level, np.float32))
 
 
 def _best_shadow(seen: Views, drawn: Float32) -> tuple[Float32, Float64]:

@@ -57,28 +57,32 @@ class LitLobes:
 
 
 def darkness(values: Float32, light: Float64, view: Float64, plain: LafortuneFit) -> Darkness:
-    """Threshold of a material, from some of its texels' values (t, s, 3) and their fit to all samples.
+    """What counts as shadow in a material, from some of its texels' values (t, s, 3) and their fit to all samples.
 
-    Lobes and threshold take turns for as many rounds as the shadows will. Without a peak of dark samples the threshold
-    is the lowest.
+    Without a peak of dark samples the share is the lowest.
     """
-    lobes, found = plain, Darkness(_HIGHEST, np.zeros(len(light), np.float32))
-    for _ in range(ROUNDS):
-        drawn = lafortune_values(lobes, light, view)
-        least = (_DARKEST * drawn.mean(axis=(0, 2))).astype(np.float32)
-        found = Darkness(_foot(_ratios(values, drawn, least)), least)
-        lobes = _refitted(values, light, view, found.shadowed(values, drawn), lobes)[0]
-    return found
+    least = (_DARKEST * lafortune_values(plain, light, view).mean(axis=(0, 2))).astype(np.float32)
+    lobes, _ = _lit(values, light, view, plain, least)
+    return Darkness(_foot(_ratios(values, lafortune_values(lobes, light, view), least)), least)
 
 
 def fit_lit(values: Float32, light: Float64, view: Float64, start: LafortuneFit, dark: Darkness) -> LitLobes:
-    """Three rounds: which of the values (t, s, 3) lie in shadow of the lobes, then the lobes again without them."""
-    lobes, status = start, np.full(len(values), ShadowStatus.FOUND, np.int8)
-    for _ in range(ROUNDS):
-        shadowed = dark.shadowed(values, lafortune_values(lobes, light, view))
-        lobes, kept = _refitted(values, light, view, shadowed, lobes)
-        status[kept] = ShadowStatus.KEPT
+    """Which of the values (t, s, 3) lie in shadow, and lobes of the others, from a fit to all of them."""
+    lobes, status = _lit(values, light, view, start, dark.least)
     return LitLobes(lobes, dark.shadowed(values, lafortune_values(lobes, light, view)), status)
+
+
+def _lit(
+    values: Float32, light: Float64, view: Float64, start: LafortuneFit, least: Float32
+) -> tuple[LafortuneFit, NDArray[np.int8]]:
+    """Three rounds that leave out all that may be a shadow, and the status (t,) of each texel."""
+    lobes, status = start, np.full(len(values), ShadowStatus.FOUND, np.int8)
+    doubtful = Darkness(_HIGHEST, least)
+    for _ in range(ROUNDS):
+        left_out = doubtful.shadowed(values, lafortune_values(lobes, light, view))
+        lobes, kept = _refitted(values, light, view, left_out, lobes)
+        status[kept] = ShadowStatus.KEPT
+    return lobes, status
 
 
 def shadow_map(values: Float32, drawn: Float32, shadowed: Mask) -> Float32:

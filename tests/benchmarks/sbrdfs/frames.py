@@ -69,7 +69,7 @@ def woven(**kind: float) -> SbrdfPlus:
 
 
 def frame_times(renderer: GlRenderer, name: str, quick: bool) -> list[Row]:
-    """Median, least and 95th percentile of frames that took turns, least over least of the flat ones, per pixel drawn."""
+    """Median, least and 95th percentile of frames that took turns; the least over that of flat ones, and per pixel."""
     mesh, camera = _meshes()[name]
     fine = woven()
     levels = tuple(synthetic.weave((side, side), directions=bonn_directions()) for side in (32, 16, 8, 4, 2, 1))

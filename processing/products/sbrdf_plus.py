@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from processing.errors import ImageError
 from processing.products.arrays import Float32, Float64
@@ -164,5 +164,5 @@ def _read_texture(path: Path) -> NDArray[np.uint8]:
     try:
         with Image.open(path) as image:
             return np.asarray(image, np.uint8)
-    except (OSError, SyntaxError, UnidentifiedImageError) as error:  # SyntaxError: Pillow's for a broken PNG chunk
+    except (OSError, SyntaxError, Image.DecompressionBombError) as error:  # the second for a broken chunk
         raise ImageError(f"{path}: not a whole image") from error

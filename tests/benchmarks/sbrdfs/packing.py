@@ -128,7 +128,7 @@ def _hidden(scene: BtfWithTruth, *, measured: bool) -> list[Float32]:
 def _codes(scene: BtfWithTruth) -> Iterator[Row]:
     """What eight bits for a centre's value add to the squared error of hidden points, over that of the centres."""
     samples, hidden = Samples.of(scene.btf), scene.truth.hidden
-    clusters = cluster_hidden(samples, hidden, int(hidden.sum() / 20))
+    clusters = cluster_hidden(samples, hidden, min(int(hidden.sum()) // 20, centre_count(*samples.shape[:4])))
     true = Samples(scene.true, samples.scale)
     plain = _error(true, hidden, clusters, clusters.centres)
     codes = {"packed": partial(_packed, hidden)} | {name: partial(_coded, name) for name in CODINGS}

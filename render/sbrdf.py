@@ -7,7 +7,7 @@ import numpy as np
 
 from processing.products import LafortuneTexels, SbrdfPlus
 from render.arrays import Float32, Float64, Int32, Rows
-from render.programs import Binding
+from render.programs import Binding, Value
 from render.textures import direction_tables, table, texture_array
 
 SHADER = "sbrdf.frag"
@@ -37,7 +37,11 @@ def upload(context: moderngl.Context, sbrdf: SbrdfPlus) -> Binding:
     for name, mesh in (("light", sbrdf.lights), ("view", sbrdf.views)):
         textures |= direction_tables(context, name, mesh)
     blended = [f"LEVELS {len(levels)}"] if len(levels) > 1 else []
-    values = {"areas": areas.astype(np.float32), "shift_units": (1.0 / np.array(units)).astype(np.float32)}
+    values: dict[str, Value] = {
+        "areas": areas.astype(np.float32),
+        "shift_units": (1.0 / np.array(units)).astype(np.float32),
+        "lowest": (sbrdf.lights.lowest, sbrdf.views.lowest),
+    }
     return Binding(SHADER, textures, values, frozenset([f"LOBES {present}", *blended]))
 
 

@@ -92,6 +92,19 @@ class DirectionMesh:
         weights = np.maximum(weights, 0.0)
         return self.regions.corners[region], weights / weights.sum(axis=1, keepdims=True)
 
+    @property
+    def lowest(self) -> float:
+        """Cosine to the normal of the lowest direction."""
+        return float(self.directions[:, 2].min())
+
+    def raised(self, direction: Float64) -> Float64:
+        """Unit vectors (n, 3) above the horizon, those below the lowest measured one raised to its height."""
+        direction = np.asarray(direction, np.float64)
+        level = np.linalg.norm(direction[:, :2], axis=1, keepdims=True)
+        flat = direction[:, :2] * (np.sqrt(1 - self.lowest**2) / np.maximum(level, 1e-9))
+        raised = np.column_stack([flat, np.full(len(direction), self.lowest)])
+        return np.where(direction[:, 2:] < self.lowest, raised, direction)
+
 
 def _triangles(xy: Float64) -> Int32:
     """Delaunay's, counterclockwise, without those of no area that lie along a straight border."""

@@ -106,7 +106,8 @@ class SbrdfPlus:
     def evaluate(self, uv: Float64, light: Float64, view: Float64) -> Float64:
         """Reflectance times the cosine to the light (n, 3), for texture coordinates (n, 2) and directions (n, 3).
 
-        Lobes are asked at the directions themselves. Shifts, shadows and centres are interpolated over the measured
+        Lobes are asked at the directions themselves, but no lower than the lowest measured ones, beyond which nothing
+        holds them. Shifts, shadows and centres are interpolated over the measured
         views and lights (`DirectionMesh`) and over the four texels around a point: with weights w of texels and views,
         the hidden ones' centres count w each; of the others the mean shift leads to one place, whose lobes and shadows
         count the rest. So nothing jumps while eye, light or surface move. 0 under the horizon.
@@ -137,7 +138,7 @@ class SbrdfPlus:
         rows, columns, taps = bilinear_taps(uv, *self.lobes.shape, wrap=True)
         index, weight = self.lights.weights(light)
         shadow = np.einsum("nl,nlt->nt", weight, self.shadow[index[:, :, None], rows[:, None, :], columns[:, None, :]])
-        lobes = self.lobes.evaluate(rows, columns, light[:, None], view[:, None])
+        lobes = self.lobes.evaluate(rows, columns, self.lights.raised(light)[:, None], self.views.raised(view)[:, None])
         shaded: Float64 = np.einsum("nt,nt,ntc->nc", taps, shadow, lobes)
         return shaded
 

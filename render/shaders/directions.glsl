@@ -5,6 +5,12 @@ struct Corners {
     vec3 weights;
 };
 
+// Those below the lowest measured one raised to its height: DirectionMesh.raised.
+vec3 raised(vec3 direction, float lowest) {
+    float scale = sqrt(1.0 - lowest * lowest) / max(length(direction.xy), 1e-9);
+    return direction.z < lowest ? vec3(direction.xy * scale, lowest) : direction;
+}
+
 // Two texels: place and slopes, three numbers of neighbours and of directions, of ten bits each, flags above them.
 struct Region {
     vec3 tests;

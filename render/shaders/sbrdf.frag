@@ -16,6 +16,7 @@ const int AREAS = 1;
 #endif
 uniform vec4 areas[AREAS];         // of each level in the textures: left, top, width, height
 uniform vec2 shift_units[AREAS];   // in texels
+uniform vec2 lowest;               // cosines of the lowest measured light and view
 uniform sampler2D light_cells;
 uniform usampler2D light_regions;
 uniform sampler2D view_cells;
@@ -110,10 +111,11 @@ Material material_at(vec2 uv, vec3 view, int level) {
     here.moved = place_at(uv + way * shift_units[level] / (max(here.share, 1e-12) * area.zw), area);
     vec2 low = here.moved.low;
     vec2 high = low + 1.0 / vec2(textureSize(shadow, 0).xy);
-    here.texels[0] = texel_at(low, view);
-    here.texels[1] = texel_at(vec2(high.x, low.y), view);
-    here.texels[2] = texel_at(vec2(low.x, high.y), view);
-    here.texels[3] = texel_at(high, view);
+    vec3 asked = raised(view, lowest.y);
+    here.texels[0] = texel_at(low, asked);
+    here.texels[1] = texel_at(vec2(high.x, low.y), asked);
+    here.texels[2] = texel_at(vec2(low.x, high.y), asked);
+    here.texels[3] = texel_at(high, asked);
     return here;
 }
 
@@ -170,9 +172,9 @@ vec3 outgoing(Material here, vec3 light) {
               + lit.weights.y * textureLod(shadow, vec3(here.moved.low, float(lit.indices.y)), 0.0)
               + lit.weights.z * textureLod(shadow, vec3(here.moved.low, float(lit.indices.z)), 0.0);
     vec4 weights = open * here.moved.weights;
-    vec3 total = vec3(0.0);
+    vec3 asked = raised(light, lowest.x), total = vec3(0.0);
     for (int k = 0; k < 4; ++k) {
-        total += weights[k] * reflected(here.texels[k], light);
+        total += weights[k] * reflected(here.texels[k], asked);
     }
     total = here.share * total + unseen(here, lit);
     return here.above && light.z > 0.0 ? total * light.z : vec3(0.0);

@@ -125,6 +125,17 @@ def test_side_of_what_a_pixel_covers():
         np.testing.assert_allclose(side_texels(footprint / texels, (16, 8)), expected, rtol=1e-9)
 
 
+def test_lobes_are_not_asked_below_what_was_measured(sbrdf):
+    """A light or an eye that sinks to the horizon sees what it saw at the lowest ring, but for the light's cosine."""
+    uv = np.random.default_rng(7).uniform(size=(40, 2))
+    one = np.tile(sbrdf.lights.directions[-3], (40, 1))
+    level = one[0, :2] / np.linalg.norm(one[0, :2])
+    low = np.tile([*np.cos(0.02) * level, np.sin(0.02)], (40, 1))
+    expected = sbrdf.evaluate(uv, one, one)
+    np.testing.assert_allclose(sbrdf.evaluate(uv, one, low), expected, rtol=1e-9)
+    np.testing.assert_allclose(sbrdf.evaluate(uv, low, one), expected * low[:, 2:] / one[:, 2:], rtol=1e-9)
+
+
 @pytest.mark.parametrize("moving", ["light", "eye", "surface"])
 def test_nothing_jumps(levels, moving):
     """Steps a tenth as long change pictures a tenth as much: between texels, views and lights, at hidden points too."""

@@ -92,8 +92,10 @@ def fit_lafortune(  # noqa: PLR0913 - four that are named, each a choice of its 
     Never raises because of a texel, see `LafortuneFit.status`; ImageError where shapes disagree or `lobes` is not 1
     to 3. Source: Lafortune et al. 1997; McAllister et al. 2002.
     """
-    values = np.asarray(values, np.float32)
+    values = np.require(values, np.float32, ["C", "W"])  # kernels are compiled for such arrays alone
     _check(values, light, view, lobes)
+    if start is not None and start.exponent.shape != (len(values), lobes):
+        raise ImageError(f"a start for {len(values)} texels of {lobes} lobes is needed, not {start.exponent.shape}")
     texels = len(values)
     weighed = _variance(variance, values.shape[:2])
     known = (_products(light, view), mixed_order(light, view))
@@ -153,7 +155,7 @@ def _variance(variance: ArrayLike | None, shape: tuple[int, ...]) -> Float32:
         raise ImageError(
             f"the variance is (s,) or (t, s), here {own.shape} for {shape[0]} texels of {shape[1]} samples"
         )
-    return np.ascontiguousarray(own)
+    return np.require(own, np.float32, ["C", "W"])
 
 
 def _products(light: Float64, view: Float64) -> Float32:
@@ -176,4 +178,5 @@ def _unpacked(
     exponent = np.exp(shapes[..., 3]).astype(np.float32)
     diffuse = np.ascontiguousarray(albedos[..., 0]).astype(np.float32)
     albedo = np.ascontiguousarray(np.swapaxes(albedos[..., 1:], 1, 2)).astype(np.float32)
-    return LafortuneFit(diffuse, axis, exponent, albedo, status, cost.astype(np.float32), rounds)
+    finite = np.minimum(cost, np.finfo(np.float32).max).astype(np.float32)  # of values beyond 1e19
+    return LafortuneFit(diffuse, axis, exponent, albedo, status, finite, rounds)

@@ -16,6 +16,7 @@ from processing.sbrdf.lafortune_equations import Ints, cost_with, normalise
 from processing.sbrdf.lafortune_kernel import BLOCK, FACTOR, ROWS, TILE, VALUES
 from processing.sbrdf.lafortune_search import SPARE, best_of, improve_anew, search, slots_of
 
+_LARGEST = 3e38  # that float32 holds
 _LEAST_PER_FUNCTION = 2  # samples, of three channels each
 _COARSE = 2  # blocks
 _FINELY = (2e-6, 40)
@@ -52,32 +53,37 @@ def weigh(values: Float32, variance: Float32, cosine: Float32, weights: Float64)
 
 
 @numba.njit(nogil=True, cache=True)
-def gather(values: Float32, weights: Float64, products: Float32, order: Ints, samples: Float32) -> None:
-    """The samples whose weight is not 0, in this order, as blocks; `products` (4, s), the cosine to the light last."""
-    at = 0
-    samples[:] = 0.0
+def gather(
+    values: Float32,
+    weights: Float64,
+    units: tuple[float, float],
+    known: tuple[Float32, Ints],
+    room: Float32,
+) -> Float32:
+    """The samples whose weight is not 0, as blocks in `room`, in units of value and of one over noise.
+
+    `known`: products and the cosine to the light (4, s), and the order to take samples in.
+    """
+    products, order = known
+    of_factor, of_value = 1.0 / units[1], 1.0 / (units[0] * units[1])
+    at, last = 0, -1
     for i in order:
         if weights[i] > 0:
-            samples[at] = products[0, i]
-            samples[at + BLOCK] = products[1, i]
-            samples[at + 2 * BLOCK] = products[2, i]
-            samples[at + FACTOR] = products[3, i] * weights[i]
-            for k in range(3):
-                samples[at + VALUES + k * BLOCK] = values[i, k] * weights[i]
+            if at // (ROWS * BLOCK) > last:
+                last = at // (ROWS * BLOCK)
+                room[at : at + ROWS * BLOCK] = 0.0
+            room[at] = products[0, i]
+            room[at + BLOCK] = products[1, i]
+            room[at + 2 * BLOCK] = products[2, i]
+            room[at + FACTOR] = products[3, i] * (weights[i] * of_factor)
+            weight = weights[i] * of_value
+            room[at + VALUES] = values[i, 0] * weight
+            room[at + VALUES + BLOCK] = values[i, 1] * weight
+            room[at + VALUES + 2 * BLOCK] = values[i, 2] * weight
             at += 1
             if at % BLOCK == 0:
                 at += (ROWS - 1) * BLOCK
-
-
-@numba.njit(nogil=True, cache=True)
-def scale_samples(samples: Float32, count: int, value: float, noise: float) -> Float32:
-    """The blocks that hold samples, in these units."""
-    used = samples[: (count + BLOCK - 1) // BLOCK * ROWS * BLOCK]
-    of_factor, of_value = np.float32(1.0 / noise), np.float32(1.0 / (noise * value))
-    for at in range(0, used.size, ROWS * BLOCK):
-        used[at + FACTOR : at + VALUES] *= of_factor
-        used[at + VALUES : at + ROWS * BLOCK] *= of_value
-    return used
+    return room[: (last + 1) * ROWS * BLOCK]
 
 
 @numba.njit(nogil=True, cache=True)
@@ -157,6 +163,26 @@ def _present(start: Float64) -> Float64:
 
 
 @numba.njit(nogil=True, cache=True)
+def _begun(
+    samples: Float32, settings: tuple[bool, float, float], count: int, begin: tuple[Float64, Float64], wanted: int
+) -> tuple[Float64, Float64, Float64, int]:
+    """Lobes and albedos to finish, candidates for what will be worth little, and the rounds it took.
+
+    `begin`: starts for all (k, j, 4), and the texel's own lobes, which save the search.
+    """
+    starts, own = begin
+    some, few = samples[: _COARSE * ROWS * BLOCK], min(count, _COARSE * BLOCK)
+    if len(own) > 0 or wanted == 0:
+        return own, np.zeros((3, 1 + len(own))), starts[:0, 0].copy(), 0
+    if settings[0]:
+        lobes, albedo, _, rounds = best_of(some, settings, starts)
+        return lobes, albedo, starts[:0, 0].copy(), rounds
+    candidates = starts[:, 0].copy()
+    lobes, albedo, rounds = search(some, few, settings[1:], candidates, wanted)
+    return lobes, albedo, candidates, rounds
+
+
+@numba.njit(nogil=True, cache=True)
 def fit_texels(
     values: Float32,
     variance: Float32,
@@ -185,22 +211,14 @@ def fit_texels(
         if not (value > 0 and math.isfinite(value)):
             status[t] = (DIVERGED if value > 0 else 0) if enough else TOO_FEW_SAMPLES
             continue
-        gather(values[t], weights, products, order, room)
-        samples = scale_samples(room, count, value, noise)
-        here, found = np.empty((0, 4)), np.zeros((3, 1))
-        if enough and len(warm) > 0:
-            here = _present(warm[t])
-            found = np.zeros((3, 1 + len(here)))
-        taken, candidates = 0, np.empty((0, 4))
-        if enough and len(here) == 0:
-            some = samples[: _COARSE * ROWS * BLOCK]
-            if settings[0]:
-                here, found, _, taken = best_of(some, settings, starts)
-            else:
-                few = min(count, _COARSE * BLOCK)
-                candidates = starts[:, 0].copy()
-                here, found, taken = search(some, few, settings[1:], candidates, lobes.shape[1])
+        samples = gather(values[t], weights, (value, noise), known, room)
+        own = _present(warm[t]) if enough and len(warm) > 0 else starts[0, :0].copy()
+        wanted = lobes.shape[1] if enough else 0
+        here, found, candidates, taken = _begun(samples, settings, count, (starts, own), wanted)
         here, found, cost, more, how = finish(samples, settings, count, candidates, (here, found))
+        if not np.max(found) * value < _LARGEST:
+            status[t] = DIVERGED
+            continue
         for j in range(len(here)):
             lobes[t, j] = here[j]
         for channel in range(3):

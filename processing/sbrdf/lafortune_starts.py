@@ -58,19 +58,26 @@ def exponent_bounds(light: Float64, view: Float64) -> tuple[float, float]:
     """Range of exponents that samples under these directions (s, 3) can tell apart.
 
     The narrowest lobe, the better sampled of a mirror's and of one straight back, still has a hundredth of its peak at
-    its eighth sample and at its second distinct angle.
+    its eighth sample, and at the second distinct angle to its peak under the median light.
     """
     above = (light[:, 2] > 0) & (view[:, 2] > 0)
-    products = light[above] * view[above]
-    if len(products) == 0:
+    if not above.any():
         return SMALLEST_EXPONENT, 2 * SMALLEST_EXPONENT
-    width = min(_width(products @ axis) for axis in _PEAKS)
+    group = np.unique(np.round(light[above], 4), axis=0, return_inverse=True)[1].reshape(-1)
+    products = light[above] * view[above]
+    width = min(_width(np.arccos(np.clip(products @ axis, -1.0, 1.0)), group) for axis in _PEAKS)
     largest = float(np.log(_LEFT) / np.log(np.cos(np.clip(width, 1e-3, 1.5))))
     return SMALLEST_EXPONENT, min(max(largest, 2 * SMALLEST_EXPONENT), _LARGEST_EXPONENT)
 
 
-def _width(cosine: Float64) -> float:
-    angles = np.sort(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    distinct = angles[angles > angles[0] + _DISTINCT_RAD]
-    second = distinct[0] if len(distinct) else angles[-1]
-    return float(max(angles[min(_NEAREST, len(angles)) - 1], second))
+def _width(angle: Float64, group: NDArray[np.intp]) -> float:
+    """Angle from the peak at which samples tell how narrow a lobe is."""
+    ordered = np.sort(angle)
+    nearest = np.full(group.max() + 1, np.inf)
+    np.minimum.at(nearest, group, angle)
+    second = np.full(len(nearest), np.inf)
+    beyond = angle > nearest[group] + _DISTINCT_RAD
+    np.minimum.at(second, group[beyond], angle[beyond])
+    second = second[np.isfinite(second)]
+    apart = float(np.median(second)) if len(second) else float(ordered[-1])
+    return max(float(ordered[min(_NEAREST, len(ordered)) - 1]), apart)

@@ -17,6 +17,7 @@ Mask = NDArray[np.bool_]
 
 HIDDEN_ABOVE = 0.7  # the paper's threshold of HiddenRatio
 _APART = 0.2  # texels that forward and backward flow may miss each other by: what meets so is closest to the truth
+_ALIKE = 12.0  # grey levels that a point may differ by from what its flow leads to: 0.3 deviations
 _AGREE = 0.7  # texels within which two motion vectors are one vote
 _LIGHTS = 27  # that are asked of a view, where there are more: the vote's outcome hardly changes with the rest
 _LEAST_TEXTURE = 0.005  # deviation of a picture over its mean: below there is nothing to follow
@@ -42,11 +43,12 @@ def vote_flow(samples: Samples) -> Occlusion:
     """Flow from each view to the top view under every light, and its majority over the lights (Chen et al., 2.3.1).
 
     A light takes part in a view where both pictures are lit, finite and textured. A point is hidden where of more than
-    0.7 of these lights forward and backward flow do not meet. Its motion vector is the mean of the largest group of
-    vectors within 0.7 texels of one of them. A view without such lights has no hidden points and no shift.
+    0.7 of these lights forward and backward flow do not meet, or lead to what looks different. Its motion vector is the
+    mean of the largest group of vectors within 0.7 texels of one of them. A view without such lights has no hidden
+    points and no shift.
     """
     _, views, height, width, _ = samples.shape
-    top = _pictures(samples.seen_from(samples.top))
+    top = pictures_of(samples.seen_from(samples.top))
     found = Occlusion(
         np.zeros((views, height, width, 2), np.float32),
         np.zeros((views, height, width), bool),
@@ -54,9 +56,9 @@ def vote_flow(samples: Samples) -> Occlusion:
     )
 
     def vote(view: int) -> None:
-        flows, meets = flows_between(_pictures(samples.seen_from(view)), top)
+        flows, meets = flows_between(pictures_of(samples.seen_from(view)), top, dense_inverse_search())
         if len(flows):
-            _count_votes(flows, meets, found.shift[view], found.hidden_ratio[view])
+            count_votes(flows, meets, found.shift[view], found.hidden_ratio[view])
             found.hidden[view] = found.hidden_ratio[view] > HIDDEN_ABOVE
 
     others = [view for view in range(views) if view != samples.top]
@@ -78,7 +80,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pictures:
+class Pictures:
     """Grey pictures (light, y, x) uint8 of like mean and deviation, which texels were measured, and which tell."""
 
     grey: NDArray[np.uint8]
@@ -86,7 +88,7 @@ class _Pictures:
     telling: Mask
 
 
-def _pictures(values: Float32) -> _Pictures:
+def pictures_of(values: Float32) -> Pictures:
     """What a view sees under every light (light, y, x, channel), as flow reads it."""
     grey = values.mean(axis=-1)
     measured = np.isfinite(grey)
@@ -97,21 +99,20 @@ def _pictures(values: Float32) -> _Pictures:
     deviation = np.sqrt((apart**2).sum(axis=(1, 2)) / count)
     telling = (mean > 0) & (deviation > _LEAST_TEXTURE * mean)
     scaled = _MIDDLE + apart * (_DEVIATION / np.where(telling, deviation, 1.0))[:, None, None]
-    return _Pictures(np.clip(np.rint(scaled), 0, 255).astype(np.uint8), measured, telling)
+    return Pictures(np.clip(np.rint(scaled), 0, 255).astype(np.uint8), measured, telling)
 
 
-def flows_between(view: _Pictures, top: _Pictures) -> tuple[Float32, Mask]:
-    """Flow (light, y, x, 2) of the lights that tell, from the view to the top view, and where it meets the way back."""
+def flows_between(view: Pictures, top: Pictures, flow: cv2.DenseOpticalFlow) -> tuple[Float32, Mask]:
+    """Flow (light, y, x, 2) of the lights that tell, from the view to the top view, and where it holds."""
     height, width = view.grey.shape[1:]
     around = tuple(max(side // 4, (_LEAST_SIDE - side + 1) // 2) for side in (height, width))
-    flow = _flow()
     flows, meets = [], []
     telling = np.flatnonzero(view.telling & top.telling)
     for light in telling[:: -(-len(telling) // _LIGHTS) or 1]:
         pictures = [np.pad(some.grey[light], [(n, n) for n in around], mode="wrap") for some in (view, top)]
         forth, back = (_followed(flow, *pair) for pair in (pictures, pictures[::-1]))
         inside = (slice(around[0], around[0] + height), slice(around[1], around[1] + width))
-        met = _meet(forth, back)[inside] & view.measured[light]
+        met = (_meet(forth, back) & _alike(forth, *pictures))[inside] & view.measured[light]
         flows.append(forth[inside])
         meets.append(met & _lands_on(forth[inside], top.measured[light]))
     if not flows:
@@ -119,7 +120,7 @@ def flows_between(view: _Pictures, top: _Pictures) -> tuple[Float32, Mask]:
     return np.stack(flows), np.stack(meets)
 
 
-def _flow() -> cv2.DenseOpticalFlow:
+def dense_inverse_search() -> cv2.DenseOpticalFlow:
     """Dense inverse search down to the pictures' own resolution: what is to be followed is a few texels wide."""
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow.setFinestScale(0)
@@ -134,11 +135,21 @@ def _followed(flow: cv2.DenseOpticalFlow, start: NDArray[np.uint8], end: NDArray
 
 def _meet(forth: Float32, back: Float32) -> Mask:
     """Where the flow there and the flow back from there end near the start."""
-    rows, columns = np.mgrid[: forth.shape[0], : forth.shape[1]].astype(np.float32)
-    returned = cv2.remap(back, columns + forth[..., 0], rows + forth[..., 1], cv2.INTER_LINEAR, None,
-                         cv2.BORDER_CONSTANT, np.nan)  # fmt: skip
-    met: Mask = ((forth + returned) ** 2).sum(axis=-1) < _APART**2
+    met: Mask = ((forth + _carried(back, forth)) ** 2).sum(axis=-1) < _APART**2
     return met
+
+
+def _alike(forth: Float32, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> Mask:
+    """Where the flow leads to what looks the same: one that finds nothing often stands still, there and back."""
+    alike: Mask = np.abs(_carried(end.astype(np.float32), forth) - start) < _ALIKE
+    return alike
+
+
+def _carried(picture: Float32, flow: Float32) -> Float32:
+    """What lies where the flow leads to; NaN beyond the picture."""
+    rows, columns = np.mgrid[: flow.shape[0], : flow.shape[1]].astype(np.float32)
+    places = columns + flow[..., 0], rows + flow[..., 1]
+    return cv2.remap(picture, *places, cv2.INTER_LINEAR, None, cv2.BORDER_CONSTANT, np.nan).astype(np.float32)
 
 
 def _lands_on(flow: Float32, measured: Mask) -> Mask:
@@ -151,7 +162,7 @@ def _lands_on(flow: Float32, measured: Mask) -> Mask:
 
 
 @numba.njit(cache=True, nogil=True)
-def _count_votes(flows: Float32, meets: Mask, shift: Float32, ratio: Float32) -> None:
+def count_votes(flows: Float32, meets: Mask, shift: Float32, ratio: Float32) -> None:
     """Of each texel the mean of the largest group of vectors that meet, and the share of those that do not."""
     lights, height, width, _ = flows.shape
     near = np.float32(_AGREE * _AGREE)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from processing.products import Btf
-from processing.sbrdf.flow_votes import _count_votes, vote_flow
+from processing.sbrdf.flow_votes import count_votes, vote_flow
 from processing.sbrdf.samples import Samples
 from tests.reference import occlusion as plain
 from tests.reference.ptm import dome
@@ -30,7 +30,7 @@ def test_the_vote_is_that_of_the_plain_twin():
     flows = rng.normal(0, 1, (9, 4, 6, 2)).astype(np.float32)
     meets = rng.random((9, 4, 6)) < 0.7
     shift, ratio = np.zeros((4, 6, 2), np.float32), np.zeros((4, 6), np.float32)
-    _count_votes(flows, meets, shift, ratio)
+    count_votes(flows, meets, shift, ratio)
     wanted_shift, wanted_ratio = plain.count_votes(flows, meets)
     assert np.allclose(shift, wanted_shift, atol=1e-6)
     assert np.allclose(ratio, wanted_ratio, atol=1e-6)

@@ -11,6 +11,7 @@ from processing.products import Btf, DirectionMesh, Provenance
 from processing.sbrdf.analysis import SbrdfAnalysis, analyse
 from processing.sbrdf.levels import coarser_levels
 from processing.sbrdf.samples import BtfViews, Samples
+from processing.sbrdf.supported import supported
 from service.pipeline.inputs import Progress
 
 FARTHEST_TOP_DEG = 25.0  # from the normal, of the view that stands for the one from the top
@@ -29,10 +30,10 @@ def make_sbrdf_plus(btf: Path, folder: Path, source: Provenance, progress: Progr
 
 
 def analysed(btf: BtfViews, progress: Progress) -> SbrdfAnalysis:
-    """The analysis of a BTF whose product has its coarser levels."""
+    """The analysis of a BTF whose product has its coarser levels, and no lobe that the samples do not bear out."""
     found = analyse(btf, report=progress)
-    levels = coarser_levels(btf, lambda level: analyse(level, report=progress).product)
-    return replace(found, product=replace(found.product, coarser=levels))
+    levels = coarser_levels(btf, lambda level: supported(analyse(level, report=progress).product, level))
+    return replace(found, product=replace(supported(found.product, btf), coarser=levels))
 
 
 def check_analysable(btf: BtfViews) -> None:

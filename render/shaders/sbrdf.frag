@@ -108,7 +108,8 @@ Material material_at(vec2 uv, vec3 view, int level) {
     for (int i = 0; i < 3; ++i) {
         look(here, way, i);
     }
-    here.moved = place_at(uv + way * shift_units[level] / (max(here.share, 1e-12) * area.zw), area);
+    // Without its whole turns, of which float32 would lose digits where the shift is added.
+    here.moved = place_at(uv - floor(uv) + way * shift_units[level] / (max(here.share, 1e-12) * area.zw), area);
     vec2 low = here.moved.low;
     vec2 high = low + 1.0 / vec2(textureSize(shadow, 0).xy);
     vec3 asked = raised(view, lowest.y);

@@ -19,7 +19,7 @@ from processing.sbrdf.lafortune_search import SPARE, best_of, improve_anew, sear
 _LARGEST = 3e38  # that float32 holds
 _LEAST_PER_FUNCTION = 2  # samples, of three channels each
 _COARSE = 2  # blocks
-_FINELY = (2e-6, 40)
+_FINELY = (1e-5, 40)
 _NOTHING, _FLOOR = 1e-10, 1e-13  # of the values' squares: what no lobe is worth, and no round
 
 

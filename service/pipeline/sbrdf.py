@@ -14,6 +14,7 @@ from processing.sbrdf.samples import BtfViews, Samples
 from processing.sbrdf.supported import supported
 from service.pipeline.inputs import Progress
 
+FEWEST_PAIRS = 256  # of a light and a view: of fewer, lobes and shadows are a guess between them, and it shows
 FARTHEST_TOP_DEG = 25.0  # from the normal, of the view that stands for the one from the top
 
 
@@ -22,6 +23,7 @@ def make_sbrdf_plus(btf: Path, folder: Path, source: Provenance, progress: Progr
     measured = Btf.load(btf)
     try:
         check_analysable(measured)
+        _check_pairs(measured)
     except ImageError as error:
         progress.note(f"no SBRDF+: {error}")
         return False
@@ -51,3 +53,11 @@ def check_analysable(btf: BtfViews) -> None:
         raise ImageError(f"the highest view is {angle_deg:.0f} deg from the normal, more than {FARTHEST_TOP_DEG:g}")
     if not np.isfinite(btf.seen_from(top)).any():
         raise ImageError("the view from the top has no measured value")
+
+
+def _check_pairs(btf: BtfViews) -> None:
+    lights, views = btf.shape[:2]
+    if lights * views < FEWEST_PAIRS:
+        raise ImageError(
+            f"{lights} lights x {views} views are too few, {FEWEST_PAIRS} pairs are wanted; rig analyse tries"
+        )

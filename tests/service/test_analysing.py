@@ -115,6 +115,8 @@ def test_processing_tells_it_in_a_note_and_goes_on(workshop, tmp_path):
     chosen(btf, views=slice(1, None)).save(tmp_path / "btf")
     assert not make_sbrdf_plus(tmp_path / "btf", tmp_path / "sbrdf_plus", btf.provenance, notes)
     assert notes.told == ["no SBRDF+: the highest view is 30 deg from the normal, more than 25"]
+    assert not make_sbrdf_plus(workshop / "btf", tmp_path / "sbrdf_plus", btf.provenance, notes)
+    assert notes.told[1].startswith("no SBRDF+: 9 lights x 9 views are too few")
     assert not (tmp_path / "sbrdf_plus").exists()
 
 

@@ -26,3 +26,12 @@ def test_errors_go_the_short_way_around_the_tile(scene):
     true = scene.truth
     found = Occlusion(np.nan_to_num(true.shift) + 16, true.hidden, true.hidden.astype(np.float32))
     assert occlusion._errors(found, scene)[0].max() < 1e-5
+
+
+def test_every_flow_has_its_row(scene, monkeypatch):
+    """The fast three, under three lights."""
+    monkeypatch.setattr(occlusion, "FLOW_LIGHTS", 3)
+    monkeypatch.setattr(occlusion, "FLOWS", dict(list(occlusion.FLOWS.items())[:3]))
+    rows = list(occlusion._by_other_flows(scene))
+    assert len(rows) == 3
+    assert all(0 <= row["hidden"] <= 1 for row in rows)

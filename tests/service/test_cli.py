@@ -19,8 +19,8 @@ from service.console import ConsoleProgress
 from service.problems import EXIT_CODES
 from tests.command import BTF, CALIBRATE, Said, ended, rig, running_rig, wait_until
 
-LONG_BTF = BTF.replace("[0, 90]", "[0, 90, 180, -90]").replace("[0.02]", "[0.01, 0.02]")
-LONG_STEPS = 4 * 2 * 2 * 2
+LONG_BTF = BTF.replace("[0, 90]", "[0, 90, 180]").replace("[0.02]", "[0.01, 0.02]")
+LONG_STEPS = 3 * 2 * 2 * 2
 ONE_STEP = BTF.replace("[0, 90]", "[0]").replace("[45, 135]", "[135]").replace('"lamp3", ', "")
 
 

@@ -20,7 +20,8 @@ class BtfViews(BtfRows, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Reflectance times the light's cosine, over `scale` (1/sr). NaN = not measured, or light or view not above.
+    """Reflectance times the light's cosine, over `scale` (1/sr). NaN = not measured, infinite,
+    or light or view not above.
 
     The apparent BRDF of a BTF holds the cosine: fitted so, grazing samples do not explode.
     """
@@ -78,4 +79,6 @@ class Samples:
         """Times the cosine, lights first in `reflectance`."""
         cosine = self.light_directions[:, 2].reshape(-1, *[1] * (reflectance.ndim - 1))
         factor = np.where(above & (cosine > 0), cosine / self.scale, np.nan).astype(np.float32)
-        return np.asarray(reflectance * factor, np.float32)
+        values = np.asarray(reflectance * factor, np.float32)
+        values[np.isinf(values)] = np.nan
+        return values

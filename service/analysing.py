@@ -15,7 +15,7 @@ from processing.sbrdf.samples import Samples
 from service.files import check_new, filled
 from service.pipeline.inputs import Progress
 from service.pipeline.sbrdf import analysed, check_analysable
-from service.sbrdf_pictures import display, draw_errors, draw_steps, draw_table, shift_colours
+from service.sbrdf_pictures import display, draw_errors, draw_steps, draw_table, shift_colours, shift_scale
 from service.viewing import kind_of
 
 Array = NDArray[np.float64]
@@ -95,16 +95,17 @@ def _steps(btf: Btf, found: SbrdfAnalysis) -> list[tuple[str, NDArray[np.floatin
     light, view, top = _near(btf.light_directions, _LOW_DEG), _near(btf.view_directions, _LOW_DEG), samples.top
     shadowed = found.shadowed()
     seen = {number: display(samples.seen_from(number)[light], 1.0) for number in (top, view)}
-    shift = found.product.shift[view]
+    shift, hidden = found.product.shift[view], found.product.hidden[view]
+    scale = shift_scale(shift, hidden)
     return [
         (f"from the top, {_polar(btf.light_directions, light)} light", seen[top]),
         ("samples in shadow there (black)", 1.0 - shadowed[light, top]),
         ("top view shadow of that light", found.top_shadow[light]),
         ("shadow over all views (STVS)", found.stvs.shadow[light]),
         (f"a view of {_polar(btf.view_directions, view)}", seen[view]),
-        ("its shifts: hue is direction; hidden black", shift_colours(shift, found.product.hidden[view])),
+        (f"its shifts: red right, green up; full: {scale:.2g} texels", shift_colours(shift, hidden, scale)),
         ("white: hidden by the flow's vote", found.voted.hidden[view].astype(np.float32)),
-        ("white: hidden after the refinement", found.product.hidden[view].astype(np.float32)),
+        ("white: hidden after the refinement", hidden.astype(np.float32)),
     ]
 
 

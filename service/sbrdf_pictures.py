@@ -14,6 +14,8 @@ from processing.products.arrays import Float32
 
 Mask = NDArray[np.bool_]
 
+_MOST = 95  # per cent of the shifts that are told apart by their colours
+
 
 def draw_steps(path: Path, panels: Sequence[tuple[str, NDArray[np.floating]]]) -> None:
     """Pictures (h, w) in grey from 0 to 1, or (h, w, 3) in colour, two rows of them; NaN is red."""
@@ -29,13 +31,21 @@ def draw_steps(path: Path, panels: Sequence[tuple[str, NDArray[np.floating]]]) -
     figure.savefig(path, dpi=110)
 
 
-def shift_colours(shift: Float32, hidden: Mask) -> Float32:
-    """A shift field (y, x, 2): hue is its direction, strength its length up to the longest; hidden points are black."""
+def shift_scale(shift: Float32, hidden: Mask) -> float:
+    """Length in texels that all but a twentieth of the shifts (y, x, 2) of points that are seen stay under, 1 at least.
+
+    The longest would let one point that matches by chance fade all others.
+    """
+    length = np.linalg.norm(shift[~hidden], axis=-1)
+    return max(float(np.percentile(length, _MOST)), 1.0) if len(length) else 1.0
+
+
+def shift_colours(shift: Float32, hidden: Mask, scale: float) -> Float32:
+    """A shift field (y, x, 2): hue is its direction, strength its length up to `scale`; hidden points are black."""
     length = np.linalg.norm(shift, axis=-1)
-    longest = max(float(length[~hidden].max(initial=0.0)), 1e-6)
     hue = (np.arctan2(-shift[..., 1], shift[..., 0]) / (2 * np.pi)) % 1
     seen = np.where(hidden, 0.0, 1.0)
-    return np.asarray(hsv_to_rgb(np.stack([hue, np.clip(length / longest, 0, 1), seen], axis=-1)), np.float32)
+    return np.asarray(hsv_to_rgb(np.stack([hue, np.clip(length / scale, 0, 1), seen], axis=-1)), np.float32)
 
 
 def display(values: Float32, peak: float) -> Float32:

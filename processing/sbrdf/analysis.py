@@ -22,6 +22,7 @@ from processing.sbrdf.registered import refit
 from processing.sbrdf.samples import BtfViews, Samples
 from processing.sbrdf.shaded_lobes import ShadedLobes, Views, fit_shaded
 from processing.sbrdf.shadows import Darkness, darkness, fit_lit, shadow_map
+from processing.sbrdf.supported import Support, supported
 
 Item = TypeVar("Item")
 
@@ -58,7 +59,8 @@ class Stvs:
 class SbrdfAnalysis:
     """The steps' results. `scale` (1/sr) is that of the samples; `seconds` names how long each step took.
 
-    `sbrdf` are the lobes of least squared error over all samples, `fit` their status, cost and iterations; `stvs` has
+    `sbrdf` are the lobes of least squared error over all samples that these bear out (`supported`), `fit` their status,
+    cost and iterations; `stvs` has
     one shadow for each light besides. `top_shadow` (light, y, x) is the paper's: BTF / SBRDF in the top view's shadows,
     1 elsewhere. `shadow_bits` (texel, bytes) are the shadowed samples, in the order of `Samples.pairs`; `shadow_status`
     (y, x) is a ShadowStatus. `voted`, `refined` and `occlusion` are shifts and hidden points after the flow, after
@@ -88,7 +90,8 @@ class SbrdfAnalysis:
 def analyse(btf: BtfViews, *, report: Progress | None = None) -> SbrdfAnalysis:
     """Lobes, shadows, shifts, clusters; every step reads the BTF by rows or views.
 
-    A texel never raises: what went wrong is in its statuses. Raises ImageError for fewer than three directions of
+    No lobe is brighter than `supported` allows. A texel never raises: what went wrong is in its statuses. Raises
+    ImageError for fewer than three directions of
     lights or of views, or all on one line, and for another number of channels than three.
     """
     meshes = _checked(btf)
@@ -182,10 +185,11 @@ def _plain(samples: Samples, report: Progress) -> tuple[LafortuneFit, Darkness]:
     wanted = np.unique(np.linspace(0, count - 1, min(_FEW, count)).astype(np.intp))
     fits, few = [], []
     for first, values in _texels(samples, report, "lobes"):
-        fits.append(fit_lafortune(values, light, view))
+        fit = fit_lafortune(values, light, view)
+        fits.append(supported(fit, values, (light, view), Support.of(values, light, view)))
         few.append(values[wanted[(wanted >= first) & (wanted < first + len(values))] - first])
-    fit = LafortuneFit.joined(fits)
-    return fit, darkness(np.concatenate(few), light, view, fit.chosen(wanted))
+    plain = LafortuneFit.joined(fits)
+    return plain, darkness(np.concatenate(few), light, view, plain.chosen(wanted))
 
 
 def _shadows(samples: Samples, plain: LafortuneFit, dark: Darkness, report: Progress) -> _Shadows:

@@ -8,6 +8,7 @@ from processing.products.arrays import Float32, Float64
 from processing.sbrdf.lafortune import LafortuneFit, fit_lafortune, lafortune_values
 from processing.sbrdf.shadow_kernel import light_sums
 from processing.sbrdf.shadows import either
+from processing.sbrdf.supported import Support, supported
 from processing.threads import in_parts
 
 _PART = 16  # texels that a thread takes at a time
@@ -58,13 +59,15 @@ class ShadedLobes:
 def fit_shaded(seen: Views, start: LafortuneFit, rounds: int) -> ShadedLobes:
     """Lobes and shadows in turns, from lobes that leave shadows out, so that lobes are what the light can reach.
 
-    Each half-step is a least-squares fit; a texel whose squared error a round does not lower keeps what it has, so the
-    error never rises. A light without any weight is not shadowed.
+    Each half-step is a least-squares fit, of lobes that the values bear out; a texel whose squared error a round does
+    not lower keeps what it has, so the error never rises. A light without any weight is not shadowed.
     """
     light, view = seen.pairs()
+    support = Support.of(seen.values.reshape(len(seen.values), -1, 3), light, view)
     best, shadow, error = start, *_best_shadow(seen, lafortune_values(start, light, view))
+    error = np.where(support.exceeded(start), np.inf, error)
     for _ in range(rounds):
-        lobes = _refitted(seen, best, shadow)
+        lobes = _refitted(seen, best, shadow, support)
         new, lower = _best_shadow(seen, lafortune_values(lobes, light, view))
         worse = ~(lower < error)
         best = either(best, lobes, worse)
@@ -98,12 +101,14 @@ def _best_shadow(seen: Views, drawn: Float32) -> tuple[Float32, Float64]:
     return best.astype(np.float32), error
 
 
-def _refitted(seen: Views, start: LafortuneFit, shadow: Float32) -> LafortuneFit:
+def _refitted(seen: Views, start: LafortuneFit, shadow: Float32, support: Support) -> LafortuneFit:
     """Lobes whose product with the shadow is nearest to the values: of values over shadow, that much less certain."""
-    light, view = seen.pairs()
+    ways, texels = seen.pairs(), len(shadow)
     level = np.where(shadow > _FAINTEST, shadow, np.float32(np.nan))[:, :, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = 1 / (seen.weight * level * level)
+        weight = (seen.weight * level * level).reshape(texels, -1)
         values = np.where(seen.weight[..., None] > 0, seen.values / level[..., None], np.float32(np.nan))
-    texels = len(values)
-    return fit_lafortune(values.reshape(texels, -1, 3), light, view, start=start, variance=variance.reshape(texels, -1))
+    values = values.reshape(texels, -1, 3)
+    with np.errstate(divide="ignore"):
+        fit = fit_lafortune(values, *ways, start=start, variance=1 / weight)
+    return supported(fit, values, ways, support, weight)

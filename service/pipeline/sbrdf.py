@@ -11,7 +11,6 @@ from processing.products import Btf, DirectionMesh, Provenance
 from processing.sbrdf.analysis import SbrdfAnalysis, analyse
 from processing.sbrdf.levels import coarser_levels
 from processing.sbrdf.samples import BtfViews, Samples
-from processing.sbrdf.supported import supported
 from service.pipeline.inputs import Progress
 
 FEWEST_PAIRS = 256  # of a light and a view: of fewer, lobes and shadows are a guess between them, and it shows
@@ -32,10 +31,10 @@ def make_sbrdf_plus(btf: Path, folder: Path, source: Provenance, progress: Progr
 
 
 def analysed(btf: BtfViews, progress: Progress) -> SbrdfAnalysis:
-    """The analysis of a BTF whose product has its coarser levels, and no lobe that the samples do not bear out."""
+    """The analysis of a BTF whose product has its coarser levels."""
     found = analyse(btf, report=progress)
-    levels = coarser_levels(btf, lambda level: supported(analyse(level, report=progress).product, level))
-    return replace(found, product=replace(supported(found.product, btf), coarser=levels))
+    levels = coarser_levels(btf, lambda level: analyse(level, report=progress).product)
+    return replace(found, product=replace(found.product, coarser=levels))
 
 
 def check_analysable(btf: BtfViews) -> None:

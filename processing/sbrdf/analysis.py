@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from processing.errors import ImageError
 from processing.products import DirectionMesh, SbrdfPlus
-from processing.products.arrays import Float32
+from processing.products.arrays import Float32, Float64
 from processing.products.lafortune import LafortuneTexels
 from processing.sbrdf.clusters import centre_count, cluster_hidden
 from processing.sbrdf.flow_votes import Occlusion, vote_flow
@@ -23,10 +24,12 @@ from processing.sbrdf.samples import BtfViews, Samples
 from processing.sbrdf.shaded_lobes import ShadedLobes, Views, fit_shaded
 from processing.sbrdf.shadows import Darkness, darkness, fit_lit, shadow_map
 from processing.sbrdf.supported import Support, supported
+from processing.threads import in_parts
 
 Item = TypeVar("Item")
 
 _VALUES = 1 << 24  # of samples fitted at a time: 64 MiB, and some times that for what is made of them
+_PART = 16  # texels that a thread takes at a time: what is made of their samples stays in the cache
 _FEW = 192  # texels that tell what counts as shadow
 _STVS_ROUNDS = 2
 _REGISTERED_ROUNDS = 3  # of places and lobes in turns
@@ -183,28 +186,35 @@ def _plain(samples: Samples, report: Progress) -> tuple[LafortuneFit, Darkness]:
     light, view = samples.pairs()
     count = samples.shape[2] * samples.shape[3]
     wanted = np.unique(np.linspace(0, count - 1, min(_FEW, count)).astype(np.intp))
-    fits, few = [], []
+    fits, few = list[LafortuneFit](), []
     for first, values in _texels(samples, report, "lobes"):
-        fit = fit_lafortune(values, light, view)
-        fits.append(supported(fit, values, (light, view), Support.of(values, light, view)))
+        fits += in_parts(partial(_fit_plain, values, (light, view)), len(values), _PART)
         few.append(values[wanted[(wanted >= first) & (wanted < first + len(values))] - first])
     plain = LafortuneFit.joined(fits)
     return plain, darkness(np.concatenate(few), light, view, plain.chosen(wanted))
 
 
+def _fit_plain(values: Float32, ways: tuple[Float64, Float64], start: int, stop: int) -> LafortuneFit:
+    some = values[start:stop]
+    return supported(fit_lafortune(some, *ways), some, ways, Support.of(some, *ways))
+
+
 def _shadows(samples: Samples, plain: LafortuneFit, dark: Darkness, report: Progress) -> _Shadows:
     """Shadow rounds, then lobes and shadows of least squared error from there."""
-    parts = []
+    parts: list[_Shadows] = []
     for first, values in _texels(samples, report, "shadows"):
-        parts.append(_shadows_of(samples, values, plain.chosen(slice(first, first + len(values))), dark))
+        block = values, plain.chosen(slice(first, first + len(values)))
+        parts += in_parts(partial(_shadows_of, samples, block, dark), len(values), _PART)
     shaded = ShadedLobes.joined([part.shaded for part in parts])
     rest = (np.concatenate([getattr(part, name) for part in parts]) for name in ("top", "bits", "status"))
     return _Shadows(shaded, *rest)
 
 
-def _shadows_of(samples: Samples, values: Float32, plain: LafortuneFit, dark: Darkness) -> _Shadows:
-    light, view = samples.pairs()
-    lit = fit_lit(values, light, view, plain, dark)
+def _shadows_of(
+    samples: Samples, block: tuple[Float32, LafortuneFit], dark: Darkness, start: int, stop: int
+) -> _Shadows:
+    (light, view), values = samples.pairs(), block[0][start:stop]
+    lit = fit_lit(values, light, view, block[1].chosen(slice(start, stop)), dark)
     top = np.arange(samples.shape[0]) * samples.shape[1] + samples.top
     drawn = lafortune_values(lit.lobes, light[top], view[top])
     level = shadow_map(values[:, top], drawn, lit.shadowed[:, top])

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -98,8 +99,9 @@ def fit_lafortune(  # noqa: PLR0913 - four that are named, each a choice of its 
         raise ImageError(f"a start for {len(values)} texels of {lobes} lobes is needed, not {start.exponent.shape}")
     texels = len(values)
     weighed = _variance(variance, values.shape[:2])
-    known = (_products(light, view), mixed_order(light, view))
-    settings = (layout is LobeLayout.SHARED, *np.log(exponent_bounds(light, view)).tolist())
+    order, bounds = _order_and_bounds(*(np.asarray(one, np.float64).tobytes() for one in (light, view)))
+    known = (_products(light, view), order)
+    settings = (layout is LobeLayout.SHARED, *bounds)
     starts = shared_starts(lobes) if layout is LobeLayout.SHARED else candidate_lobes()[:, None]
     warm = _packed(start) if start is not None else np.empty((0, lobes, 4))
     shapes, albedos, cost = np.empty((texels, lobes, 4)), np.empty((texels, 3, 1 + lobes)), np.empty(texels)
@@ -144,6 +146,14 @@ def _check(values: Float32, light: Float64, view: Float64, lobes: int) -> None:
         raise ImageError(f"samples of texels are (t, s, 3) under lights and views (s, 3); here {shapes}")
     if not 1 <= lobes <= _MOST_LOBES:
         raise ImageError(f"one to {_MOST_LOBES} lobes can be fitted, not {lobes}")
+
+
+@lru_cache(maxsize=4)
+def _order_and_bounds(light: bytes, view: bytes) -> tuple[NDArray[np.int64], tuple[float, float]]:
+    """Order of the samples, and bounds of log n; texels are fitted a few at a time, all under the same directions."""
+    ways = [np.frombuffer(one).reshape(-1, 3) for one in (light, view)]
+    low, high = np.log(exponent_bounds(ways[0], ways[1])).tolist()
+    return mixed_order(ways[0], ways[1]), (low, high)
 
 
 def _variance(variance: ArrayLike | None, shape: tuple[int, ...]) -> Float32:

@@ -21,7 +21,6 @@ Ints = NDArray[np.int64]
 
 _WINDOW = 2  # texels around a place, and around the point itself
 _COHERENCE, _FAR = 4.0, 2.0  # cost of a place that is so many texels off, in the view's mean squared differences
-_POINTS = 256  # that a thread takes at a time
 _SIDES = ((0, 1), (1, 0), (0, -1), (-1, 0))
 _AROUND = (*_SIDES, (1, 1), (1, -1), (-1, 1), (-1, -1))
 
@@ -40,10 +39,13 @@ def moved(samples: Samples, occlusion: Occlusion, shaded: ShadedLobes) -> Occlus
     top view's points and the hidden ones stay as they are.
     """
     shift, expected = occlusion.shift.copy(), _expected(samples, occlusion.shift)
-    for view in range(len(shift)):
+
+    def move(view: int, _: int) -> None:
         if view != samples.top:
             better = _moved(samples, view, (occlusion.shift[view], expected[view]), shaded)
             shift[view] = np.where(occlusion.hidden[view, ..., None], shift[view], better)
+
+    in_parts(move, len(shift), 1)
     return Occlusion(shift, occlusion.hidden, occlusion.hidden_ratio)
 
 
@@ -58,11 +60,7 @@ def _moved(samples: Samples, view: int, shifts: tuple[Float32, Float32], shaded:
     off = np.square(candidates - shifts[1][:, :, None]).sum(axis=3).reshape(texels.shape)
     extra = (_COHERENCE * apart * np.minimum(off / _FAR**2, 1)).astype(np.float32)
     chosen = np.empty(len(texels), np.int64)
-
-    def part(first: int, stop: int) -> None:
-        nearest_of(seen[first:stop], drawn, texels[first:stop], extra[first:stop], chosen[first:stop])
-
-    in_parts(part, len(seen), _POINTS)
+    nearest_of(seen, drawn, texels, extra, chosen)
     return np.take_along_axis(candidates, chosen.reshape(height, width, 1, 1), axis=2)[:, :, 0].astype(np.float32)
 
 

@@ -61,11 +61,20 @@ def _blocks(samples: Samples) -> Iterator[slice]:
 def _own(samples: Samples, some: slice) -> tuple[Float32, Float32]:
     """The texels' own samples, as much as they count, and that: (t, light, view, 3) and (t, light, view)."""
     width = samples.shape[3]
-    first = some.start // width
-    rows = samples.texels(slice(first, -(-some.stop // width)))
-    own = rows[some.start - first * width : some.stop - first * width]
-    own = own.reshape(len(own), *samples.shape[:2], 3)
-    known = np.isfinite(own.sum(axis=3))
-    own[~known] = 0
-    own *= np.float32(_OWN)
-    return own, known * np.float32(_OWN)
+    own = np.empty((some.stop - some.start, *samples.shape[:2], 3), np.float32)
+    weight = np.empty(own.shape[:3], np.float32)
+    spans = list(samples.row_spans())
+
+    def fill(number: int, _: int) -> None:
+        rows = spans[number]
+        first, stop = max(rows.start * width, some.start), min(rows.stop * width, some.stop)
+        if first >= stop:
+            return
+        values = samples.texels(rows)[first - rows.start * width : stop - rows.start * width]
+        for texel, found in enumerate(values.reshape(-1, *own.shape[1:]), first - some.start):
+            known = np.isfinite(found[..., 0] + found[..., 1] + found[..., 2])
+            weight[texel] = known * np.float32(_OWN)
+            own[texel] = np.where(known[..., None], found * np.float32(_OWN), 0)
+
+    in_parts(fill, len(spans), 1)
+    return own, weight

@@ -62,6 +62,15 @@ def fit_shaded(seen: Views, start: LafortuneFit, rounds: int) -> ShadedLobes:
     Each half-step is a least-squares fit, of lobes that the values bear out; a texel whose squared error a round does
     not lower keeps what it has, so the error never rises. A light without any weight is not shadowed.
     """
+
+    def part(first: int, stop: int) -> ShadedLobes:
+        some = slice(first, stop)
+        return _fit_shaded(seen.part(some), start.chosen(some), rounds)
+
+    return ShadedLobes.joined(in_parts(part, len(seen.values), _PART))
+
+
+def _fit_shaded(seen: Views, start: LafortuneFit, rounds: int) -> ShadedLobes:
     light, view = seen.pairs()
     support = Support.of(seen.values.reshape(len(seen.values), -1, 3), light, view)
     best, shadow, error = start, *_best_shadow(seen, lafortune_values(start, light, view))
@@ -87,13 +96,7 @@ def _brightest_as_one(lobes: LafortuneFit, shadow: Float32) -> ShadedLobes:
 def _best_shadow(seen: Views, drawn: Float32) -> tuple[Float32, Float64]:
     """Shadow (t, light) of least squared error, and that error (t,)."""
     sums = np.empty((*seen.weight.shape[:2], 3))
-    shaped = drawn.reshape(seen.values.shape)
-
-    def part(first: int, stop: int) -> None:
-        some = slice(first, stop)
-        light_sums(seen.values[some], seen.weight[some], shaped[some], sums[some])
-
-    in_parts(part, len(sums), _PART)
+    light_sums(seen.values, seen.weight, drawn.reshape(seen.values.shape), sums)
     energy, cross, square = np.moveaxis(sums, -1, 0)
     best = np.divide(cross, square, out=np.zeros_like(cross), where=square > 0)
     best = np.where(seen.weight.any(axis=2), np.clip(best, 0, 1), 1.0)

@@ -5,6 +5,7 @@ them. The sparser the directions, the more lobes do so.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from processing.sbrdf.lafortune import LafortuneFit, lafortune_values
 MOST = 2.0  # times the brightest sample of a texel
 _RINGS_DEG, _AROUND = 15.0, 6  # directions that are tried: each ring has six more than the one inside
 _LOWEST_DEG = 80.0
-_PEAKS_TEXELS, _TEXELS = 256, 64  # at a time
+_PEAKS, _TEXELS = 64, 64  # lobes, texels at a time
 _ROUNDING = 1.0001
 _SWEEPS = 100  # of coordinate descent over the four levels of a texel
 
@@ -25,7 +26,7 @@ class Support:
     """What the samples of texels bear out: reflectance of a lobe up to `most` (t,), asked at `pairs` L V (n, 3)."""
 
     most: Float32
-    pairs: Float64
+    pairs: Float32
 
     @classmethod
     def of(cls, values: Float32, light: Float64, view: Float64) -> "Support":
@@ -34,19 +35,17 @@ class Support:
         Beyond these nobody asks. What is not finite is left out.
         """
         cosine = np.where((light[:, 2] > 0) & (view[:, 2] > 0), light[:, 2], np.nan).astype(np.float32)
-        brightest = np.zeros(len(values), np.float32)
-        for start in range(0, len(values), _TEXELS):
-            some = values[start : start + _TEXELS].max(axis=2) / cosine
-            brightest[start : start + _TEXELS] = np.max(some, axis=1, initial=0, where=np.isfinite(some))
-        return cls(MOST * brightest, (_rings(light)[:, None] * _rings(view)).reshape(-1, 3))
+        brightest = np.maximum(np.maximum(values[..., 0], values[..., 1]), values[..., 2]) / cosine
+        most = np.max(brightest, axis=1, initial=0, where=np.isfinite(brightest))
+        return cls(MOST * most, _asked(_lowest_deg(light), _lowest_deg(view)))
 
     def limits(self, fit: LafortuneFit) -> Float64:
         """Largest albedo (t, lobe) of each lobe; inf where it is dark at all pairs."""
         axis = fit.axis.reshape(-1, 3)
         base = np.empty(len(axis), np.float32)
-        for start in range(0, len(axis), _PEAKS_TEXELS):
-            some = slice(start, start + _PEAKS_TEXELS)
-            base[some] = (axis[some] @ self.pairs.astype(np.float32).T).max(axis=1)
+        for start in range(0, len(axis), _PEAKS):
+            some = slice(start, start + _PEAKS)
+            base[some] = (axis[some] @ self.pairs.T).max(axis=1)
         peaks = np.clip(base, 0, None).reshape(fit.exponent.shape).astype(np.float64) ** fit.exponent
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             return np.where(peaks > 0, self.most[:, None] / peaks, np.inf)
@@ -115,10 +114,21 @@ def _levels(sums: Float64, limits: Float64, fit: LafortuneFit) -> tuple[Float32,
     return levels.astype(np.float32), np.maximum(error, 0)
 
 
-def _rings(measured: Float64) -> Float64:
-    """Directions (n, 3) on rings from the normal to the lowest of the measured ones above the horizon."""
+def _lowest_deg(measured: Float64) -> float:
+    """Angle from the normal to the lowest of the directions (n, 3) above the horizon."""
     above = measured[measured[:, 2] > 0, 2]
-    lowest_deg = min(np.degrees(np.arccos(above.min())) if len(above) else 0.0, _LOWEST_DEG)
+    return min(float(np.degrees(np.arccos(above.min()))) if len(above) else 0.0, _LOWEST_DEG)
+
+
+@lru_cache(maxsize=4)
+def _asked(light_deg: float, view_deg: float) -> Float32:
+    """Products L V (n, 3) of lights and views on rings down to these angles, each once."""
+    pairs = (_rings(light_deg)[:, None] * _rings(view_deg)).reshape(-1, 3).astype(np.float32)
+    return np.ascontiguousarray(np.unique(pairs.round(5), axis=0))
+
+
+def _rings(lowest_deg: float) -> Float64:
+    """Directions (n, 3) on rings from the normal to the lowest."""
     found = [np.array([[0.0, 0.0, 1.0]])]
     for ring in range(1, int(np.ceil(lowest_deg / _RINGS_DEG)) + 1):
         polar = np.radians(min(ring * _RINGS_DEG, lowest_deg))

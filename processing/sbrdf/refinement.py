@@ -31,7 +31,6 @@ Mask = NDArray[np.bool_]
 _NEARLY_SAME = 0.996  # cosine between the top view and a light that sees the same: 5 deg
 _UNLIT = 0.07  # of what points seen from the top show under the light from above
 _CLEARER = 0.9  # of a distance: below, a place close by is preferred
-_BY_FAR = 0.5  # below, one anywhere in the tile
 _AROUND = 1  # texels around a shift that are tried where it does not match
 
 
@@ -42,8 +41,7 @@ def refine(samples: Samples, reconstruction: Reconstruction, voted: Occlusion) -
     predicted and voted shift the predicted one is taken unless the other is clearly nearer. Where a light stands within
     5 deg of the top view, hidden is what it does not reach; else the voted hidden points are, but for those whose like
     in the tile is nearer than the view's other points are to theirs on average (the paper's rule). Points that are not
-    hidden and farther than that average move by up to a texel; those twice as far to their like in the tile, if it is
-    nearer by far. Views lower than 81 deg keep what was voted.
+    hidden and farther than that average move by up to a texel. Views lower than 81 deg keep what was voted.
     """
     heights = vote_heights(samples, reconstruction)
     light = overhead(samples)
@@ -79,7 +77,7 @@ class _Pictures:
         better = (first > INDISTINCT) & (second < _CLEARER * first)
         return np.where(better[..., None], other, shift)
 
-    def matched(self, shift: Float32, places: NDArray[np.intp], limit: Float32) -> tuple[Float32, Mask]:
+    def matched(self, shift: Float32, places: NDArray[np.intp], limit: np.float32) -> tuple[Float32, Mask]:
         """Shifts to the likes of the points at `places` (n, 2) where these are nearer than `limit`, and which are."""
         found, distance = best_matches(self.seen, self.drawn, places)
         better = distance < limit
@@ -92,19 +90,21 @@ def _elevated(pictures: _Pictures, shift: Float32, hidden: Mask) -> tuple[Float3
     """The paper's rule: hidden points nearer to their like than the others are on average are not hidden."""
     usual = _usual(distances(pictures.seen, pictures.drawn, shift), hidden)
     places = np.argwhere(hidden)
-    moved, better = pictures.matched(shift, places, np.full(len(places), usual, np.float32))
+    moved, better = pictures.matched(shift, places, usual)
     left = hidden.copy()
     left[places[better, 0], places[better, 1]] = False
     return moved, left
 
 
 def _settled(pictures: _Pictures, shift: Float32, hidden: Mask) -> Float32:
-    """Shifts (y, x, 2) of points that match worse than usual, at the nearest place close by or at their like."""
+    """Shifts (y, x, 2) of points that match worse than usual, at the nearest place close by.
+
+    Not at their like anywhere in the tile: shifts are interpolated, and on the way from a place far away to those of
+    the neighbours half the tile would be drawn within a texel.
+    """
     apart = distances(pictures.seen, pictures.drawn, shift)
     usual = _usual(apart, hidden)
-    moved, apart = _close_by(pictures.seen, pictures.drawn, shift, apart, np.where(hidden, np.inf, usual))
-    places = np.argwhere(~hidden & (apart > 2 * usual))
-    return pictures.matched(moved, places, _BY_FAR * apart[places[:, 0], places[:, 1]])[0]
+    return _close_by(pictures.seen, pictures.drawn, shift, apart, np.where(hidden, np.inf, usual))
 
 
 def _usual(apart: Float32, hidden: Mask) -> np.float32:
@@ -158,10 +158,10 @@ def distances(seen: Float32, drawn: Float32, shift: Float32) -> Float32:
 
 
 @numba.njit(cache=True, parallel=True)
-def _close_by(seen: Float32, drawn: Float32, shift: Float32, apart: Float32, limit: Float32) -> tuple[Float32, Float32]:
-    """Of points farther apart than `limit` (y, x) the nearest of the shifts a texel around, and their distances."""
+def _close_by(seen: Float32, drawn: Float32, shift: Float32, apart: Float32, limit: Float32) -> Float32:
+    """Shifts, of points farther `apart` than `limit`, both (y, x), the nearest of those a texel around."""
     height, width, _ = seen.shape
-    moved, nearest = shift.copy(), apart.copy()
+    moved = shift.copy()
     for y in numba.prange(height):
         for x in range(width):
             if not apart[y, x] > limit[y, x]:
@@ -173,6 +173,5 @@ def _close_by(seen: Float32, drawn: Float32, shift: Float32, apart: Float32, lim
                     distance = between(seen[y, x], drawn, x + to_right, y + to_below)
                     if distance < least:
                         least = distance
-                        nearest[y, x] = distance
                         moved[y, x, 0], moved[y, x, 1] = to_right, to_below
-    return moved, nearest
+    return moved

@@ -115,6 +115,18 @@ def test_without_a_light_from_above_a_hidden_point_that_looks_like_a_seen_one_ta
     assert found.shift[1, 2, 3].tolist() == [-2, -3]
 
 
+def test_a_seen_point_does_not_move_to_its_like_across_the_tile(rng):
+    """Its shift is interpolated with those of its neighbours, which stand still: all between would be drawn."""
+    ways = np.array([[0, 0, 1.0], [0.6, 0, 0.8], [0, 0.6, 0.8]])
+    drawn = Drawn(np.repeat(rng.random((3, 1, 12, 12, 3)), 3, axis=1).astype(np.float32))
+    values = drawn.values.copy()
+    values[:, 1, 2, 3] = drawn.values[:, 0, 7, 9]
+    samples = Samples(Btf((values / ways[:, 2].reshape(3, 1, 1, 1, 1)).astype(np.float32), ways, ways), 1.0)
+    found = refine(samples, drawn, nothing_voted(samples))
+    assert not found.hidden[1, 2, 3]
+    assert np.abs(found.shift[1]).max() < 3
+
+
 def test_the_light_from_above_finds_what_is_hidden(peanuts, refined):
     """Aim of the product on 64 x 64 texels, here on coarser ones: 0.9 and 0.9."""
     true = peanuts.truth.hidden

@@ -136,8 +136,8 @@ def simulated_rig(start_simulators: Callable[..., SimulatedRig]) -> SimulatedRig
     return start_simulators()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def shared_simulated_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatedRig]:
-    """One rig at rate 0 for all tests that leave it as they found it."""
+    """One rig at rate 0 for the tests of a file; of more, the order of files would count."""
     with running_simulators(tmp_path_factory.mktemp("shared").resolve() / "rig") as rig:
         yield rig

@@ -100,12 +100,12 @@ def test_rig_toml_is_what_the_rig_reads(shared_simulated_rig):
     assert Path(config.laser.port).is_char_device()
 
 
-def test_axis_answers_on_the_bus(simulated_rig):
-    before_s = simulated_rig.control("now")["time_s"]
-    with serial.Serial(str(simulated_rig.state / "bus"), 9600, timeout=5) as port:
+def test_axis_answers_on_the_bus(shared_simulated_rig):
+    before_s = shared_simulated_rig.control("now")["time_s"]
+    with serial.Serial(str(shared_simulated_rig.state / "bus"), 9600, timeout=5) as port:
         port.write(GET_POSITION)
         assert port.read(9) == bytes.fromhex("02 01 64 06 00 00 00 00 6d")
-    assert simulated_rig.control("now")["time_s"] - before_s == pytest.approx(18 / 960, abs=1e-6)
+    assert shared_simulated_rig.control("now")["time_s"] - before_s == pytest.approx(18 / 960, abs=1e-6)
 
 
 def test_time_moves_only_when_told(shared_simulated_rig):
@@ -146,8 +146,8 @@ def test_senseless_requests_are_refused_and_change_nothing(shared_simulated_rig,
     assert shared_simulated_rig.control("status") == before
 
 
-def test_operator_mounts_by_hand(simulated_rig):
-    control = simulated_rig.control
+def test_operator_mounts_by_hand(shared_simulated_rig):
+    control = shared_simulated_rig.control
     assert control("status")["sample"] == "none"
     control("mount", sample="charuco", pose=3)
     control("mount", laser_elevation_deg=50)

@@ -32,7 +32,7 @@ def gl_vs_reference(
     GL.
     """
     camera = framed(mesh, size, azimuth_rad=np.radians(-35.0), elevation_rad=np.radians(35.0))
-    scene = Scene(mesh, material, camera, lights[:1])
+    scene = Scene.of(mesh, material, camera, lights[:1])
     own = GlRenderer() if renderer is None else renderer
     try:
         return max(_error(own, scene, each) for each in lights)
@@ -51,5 +51,5 @@ def _error(renderer: GlRenderer, scene: Scene, each: Light) -> float:
     drawn = renderer.g_buffer(scene, each)
     shared = (drawn.uv, drawn.light, drawn.view, drawn.footprint)
     inputs = (rows[drawn.mask].astype(np.float64) for rows in shared)
-    reference = outgoing(scene.material, *inputs)
+    reference = outgoing(scene.bodies[0].material, *inputs)
     return float(relative_error(drawn.radiance[drawn.mask], reference).max(initial=0.0))

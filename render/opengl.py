@@ -15,10 +15,10 @@ from render.materials import Material, upload
 from render.mesh import Mesh
 from render.picture import Picture
 from render.programs import Binding, compile_program, set_uniform
-from render.scene import Light, Scene
+from render.scene import Body, Light, Scene
 
 # Meshes and materials that stay on the card, each: a moving light redraws the same few.
-_KEPT = 4
+_KEPT = 8
 _VERTEX = "surface.vert"
 # Lights of one pass over the mesh, as in surface.glsl; more are drawn in several whose radiance is added.
 _LIGHTS = 64
@@ -141,16 +141,22 @@ class GlRenderer:
         self.context.release()
 
     def _draw(self, scene: Scene, defines: frozenset[str], target: _Target) -> None:
-        binding = self._material(scene.material)
-        if scene.mesh.map_from_world is not None:
+        target.framebuffer.use()
+        target.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
+        self.context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        for body in scene.bodies:
+            self._draw_body(scene, body, defines)
+
+    def _draw_body(self, scene: Scene, body: Body, defines: frozenset[str]) -> None:
+        binding = self._material(body.material)
+        if body.mesh.map_from_world is not None:
             defines |= {"GRADIENT_MAP"}
         program = self._program(binding.shader, defines | binding.defines)
         binding.use(program)
         _set_scene(program, scene)
-        target.framebuffer.use()
-        target.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
-        self.context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        geometry = self._geometry(scene.mesh)
+        if body.mesh.map_from_world is not None:
+            set_uniform(program, "map_from_world", _by_columns(body.mesh.map_from_world))
+        geometry = self._geometry(body.mesh)
         layout = (geometry.vertices, "3f 3f 4f 2f", "position", "normal", "tangent", "uv")
         vertex_array = self.context.vertex_array(program, [layout], geometry.triangles, skip_errors=True)
         vertex_array.render()
@@ -199,10 +205,8 @@ def _passes(scene: Scene) -> Iterator[Scene]:
 
 
 def _set_scene(program: moderngl.Program, scene: Scene) -> None:
-    near, far = depth_range(scene.camera, scene.mesh.positions)
+    near, far = depth_range(scene.camera, scene.positions)
     set_uniform(program, "clip_from_world", _by_columns(clip_from_world(scene.camera, near, far)))
-    if scene.mesh.map_from_world is not None:
-        set_uniform(program, "map_from_world", _by_columns(scene.mesh.map_from_world))
     set_uniform(program, "eye", tuple(map(float, scene.camera.eye)))
     directions, irradiances = np.zeros((2, _LIGHTS + 1, 3), dtype=np.float32)
     lights = scene.lights

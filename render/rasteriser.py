@@ -25,6 +25,10 @@ class Fragments:
     barycentric: Float64
     depth: Float64
 
+    def chosen(self, which: Rows) -> "Fragments":
+        """Those that an index or a mask (n,) names."""
+        return Fragments(self.pixel[which], self.triangle[which], self.barycentric[which], self.depth[which])
+
     def interpolate(self, mesh: Mesh, values: Rows) -> Float64:
         """Values per vertex (vertices, c) at the fragments, (n, c)."""
         corners = values[mesh.triangles[self.triangle]]

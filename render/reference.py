@@ -1,5 +1,7 @@
 """The picture in NumPy: slow, plain, and what the shaders are held equal to. Draws where there is no OpenGL."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from render.arrays import Float64, Rows, unit
@@ -9,7 +11,7 @@ from render.materials import has_levels, outgoing
 from render.mesh import Mesh
 from render.picture import Picture
 from render.rasteriser import Fragments, rasterise
-from render.scene import Scene
+from render.scene import Body, Scene
 
 NAME = "NumPy reference"
 
@@ -26,31 +28,41 @@ class ReferenceRenderer:
     def draw(self, scene: Scene) -> Picture:
         """The scene as its camera sees it; pixels that show nothing are 0 in radiance and coverage."""
         width, height = scene.camera.size
-        fragments = rasterise(scene.mesh, scene.camera)
         radiance = np.zeros((height * width, 3), dtype=np.float32)
-        radiance[fragments.pixel] = shade(scene, fragments)
         coverage = np.zeros(height * width, dtype=np.float32)
-        coverage[fragments.pixel] = 1.0
+        for body, fragments in visible(scene):
+            radiance[fragments.pixel] = shade(scene, body, fragments)
+            coverage[fragments.pixel] = 1.0
         return Picture(radiance.reshape(height, width, 3), coverage.reshape(height, width))
 
     def release(self) -> None:
         """Nothing is held."""
 
 
-def shade(scene: Scene, fragments: Fragments) -> Float64:
-    """Radiance (n, 3) of the fragments under all lights."""
-    uv, frames, view = surface(scene.mesh, scene.camera, fragments)
-    footprint = footprints(scene.mesh, scene.camera, fragments) if has_levels(scene.material) else None
+def visible(scene: Scene) -> Iterator[tuple[Body, Fragments]]:
+    """Each body with the fragments of it that no other body hides."""
+    found = [rasterise(body.mesh, scene.camera) for body in scene.bodies]
+    nearest = np.full(scene.camera.size[0] * scene.camera.size[1], np.inf)
+    for fragments in found:
+        np.minimum.at(nearest, fragments.pixel, fragments.depth)
+    for body, fragments in zip(scene.bodies, found, strict=True):
+        yield body, fragments.chosen(fragments.depth <= nearest[fragments.pixel])
+
+
+def shade(scene: Scene, body: Body, fragments: Fragments) -> Float64:
+    """Radiance (n, 3) of the body's fragments under all lights."""
+    uv, frames, view = surface(body.mesh, scene.camera, fragments)
+    footprint = footprints(body.mesh, scene.camera, fragments) if has_levels(body.material) else None
     radiance = np.zeros((len(uv), 3))
     for start in range(0, len(uv), _CHUNK):
         part = slice(start, start + _CHUNK)
         covered = None if footprint is None else footprint[part]
         for light in scene.lights:
             local = unit(frames[part] @ light.direction)
-            radiance[part] += light.irradiance * outgoing(scene.material, uv[part], local, view[part], covered)
+            radiance[part] += light.irradiance * outgoing(body.material, uv[part], local, view[part], covered)
         if any(scene.ambient):
             straight = np.broadcast_to([0.0, 0.0, 1.0], view[part].shape)
-            glow = outgoing(scene.material, uv[part], straight, view[part], covered)
+            glow = outgoing(body.material, uv[part], straight, view[part], covered)
             radiance[part] += np.array(scene.ambient) * glow
     return radiance
 

@@ -1,4 +1,4 @@
-"""What is drawn: a mesh with a material, seen by a camera, lit from directions."""
+"""What is drawn: meshes with materials, seen by a camera, lit from directions."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -37,22 +37,48 @@ def light(azimuth_rad: float, elevation_rad: float, irradiance: float | Sequence
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """Mesh, material, camera and at least one light.
-
-    `ambient` (3,) is irradiance that reaches every point as if from straight above its surface; zero unless wanted.
-    Raises SceneError for no light.
-    """
+class Body:
+    """A mesh and what it is made of."""
 
     mesh: Mesh
     material: Material
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Bodies, camera and at least one light.
+
+    `ambient` (3,) is irradiance that reaches every point as if from straight above its surface; zero unless wanted.
+    Raises SceneError for no body and for no light.
+    """
+
+    bodies: tuple[Body, ...]
     camera: Camera
     lights: tuple[Light, ...]
     ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        if not self.bodies:
+            raise SceneError("no body: nothing would be seen")
         if not self.lights:
             raise SceneError("no light: nothing would be seen")
+
+    @classmethod
+    def of(
+        cls,
+        mesh: Mesh,
+        material: Material,
+        camera: Camera,
+        lights: tuple[Light, ...],
+        ambient: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> "Scene":
+        """A scene of one body."""
+        return cls((Body(mesh, material),), camera, lights, ambient)
+
+    @property
+    def positions(self) -> Float64:
+        """Vertices (n, 3) of all bodies in the world frame."""
+        return np.concatenate([body.mesh.positions for body in self.bodies])
 
 
 def framed(

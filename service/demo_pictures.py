@@ -104,7 +104,7 @@ def previews(out: Path, srf: Srf, factored: FactoredBtf) -> Previews:
     pictures = [picture for gallery in galleries for picture in _of_gallery(gallery)]
     shows = {**scenes(srf, size), **scenes(factored, size)}.values()
     try:
-        difference = max(gl_vs_reference(show.scene.material, show.scene.mesh) for show in shows)
+        difference = max(gl_vs_reference(body.material, body.mesh) for show in shows for body in show.scene.bodies)
     except GlUnavailableError:
         difference = None
     return Previews(tuple(pictures), galleries[0].renderer, difference)

@@ -159,7 +159,7 @@ def _scene(material: Material, mesh: Mesh, lights: tuple[Light, ...], size: int)
     else:
         azimuth_deg, elevation_deg = -35.0, 38.0
     camera = framed(mesh, (size, size), azimuth_rad=radians(azimuth_deg), elevation_rad=radians(elevation_deg))
-    return Scene(mesh, material, camera, lights)
+    return Scene.of(mesh, material, camera, lights)
 
 
 def _draw_moving_light(preview: Preview, scene: Scene, out: Path) -> None:

@@ -7,6 +7,7 @@ from processing.products.factored_btf import FactoredBtf
 from processing.products.lafortune import LafortuneTexels
 from processing.products.light_stack import LightStack, plane_points
 from processing.products.mdf import Mdf, unpack8
+from processing.products.mesostructure import Mesostructure
 from processing.products.normal_map import NormalMap, NormalStatus
 from processing.products.provenance import Provenance
 from processing.products.reflectance_maps import ReflectanceMaps
@@ -27,6 +28,7 @@ __all__ = [
     "LightStack",
     "Lobe",
     "Mdf",
+    "Mesostructure",
     "NormalMap",
     "NormalStatus",
     "Provenance",

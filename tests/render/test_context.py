@@ -25,7 +25,7 @@ try:
 except GlUnavailableError as error:
     print(error)
 mesh = plane()
-scene = Scene(mesh, pattern(8), framed(mesh, (32, 32), azimuth_rad=0.3, elevation_rad=0.8), (light(0.0, 1.0),))
+scene = Scene.of(mesh, pattern(8), framed(mesh, (32, 32), azimuth_rad=0.3, elevation_rad=0.8), (light(0.0, 1.0),))
 with Preview((24, 16)) as preview:
     picture = preview.draw(scene)
     print(preview.renderer_name, picture.radiance.shape, bool(picture.mask.any()), float(picture.radiance.max()) > 0.05)

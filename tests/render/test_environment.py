@@ -40,7 +40,7 @@ def test_white_all_around_lights_a_matt_sphere_alike():
     lights = median_cut(Environment(np.ones((64, 128, 3), np.float32)), 128)
     mesh = sphere(shape=(32, 64))
     camera = framed(mesh, (40, 40), azimuth_rad=0.3, elevation_rad=0.2)
-    picture = ReferenceRenderer().draw(Scene(mesh, synthetic.lambertian((0.5, 0.4, 0.3)), camera, lights))
+    picture = ReferenceRenderer().draw(Scene.of(mesh, synthetic.lambertian((0.5, 0.4, 0.3)), camera, lights))
     shown = picture.radiance[picture.mask]
     np.testing.assert_allclose(shown / [0.5, 0.4, 0.3], 1.0, atol=0.06)
     np.testing.assert_allclose(shown.mean(axis=0) / [0.5, 0.4, 0.3], 1.0, atol=0.01)
@@ -93,7 +93,7 @@ def test_more_lights_come_closer_to_all_pixels(gl):
     camera = framed(mesh, (48, 48), azimuth_rad=0.8, elevation_rad=0.3)
 
     def drawn(count: int) -> np.ndarray:
-        picture = gl.draw(Scene(mesh, synthetic.stone(), camera, median_cut(environment, count)))
+        picture = gl.draw(Scene.of(mesh, synthetic.stone(), camera, median_cut(environment, count)))
         return picture.radiance[picture.mask]
 
     full = drawn(24 * 48)
@@ -107,7 +107,7 @@ def test_reference_and_shader_draw_the_same_under_an_environment(gl, btf: Factor
     camera = framed(mesh, (40, 40), azimuth_rad=0.3, elevation_rad=0.2)
     lights = median_cut(synthetic.daylight(16), 64)
     for material in (synthetic.stone(), btf):
-        scene = Scene(mesh, material, camera, lights)
+        scene = Scene.of(mesh, material, camera, lights)
         one, other = gl.draw(scene), ReferenceRenderer().draw(scene)
         both = one.mask & other.mask
         error = np.abs(one.radiance - other.radiance)[both]

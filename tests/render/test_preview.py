@@ -35,7 +35,7 @@ SIZE = (150, 120)
 def scene_of(mesh, material, *lights: Light) -> Scene:
     """The mesh from a corner."""
     camera = framed(mesh, SIZE, azimuth_rad=np.radians(-35.0), elevation_rad=np.radians(35.0))
-    return Scene(mesh, material, camera, lights or (KEY,))
+    return Scene.of(mesh, material, camera, lights or (KEY,))
 
 
 def held_by(renderer: GlRenderer) -> list[object]:
@@ -161,7 +161,7 @@ def test_mirrored_texture_coordinates_mirror_the_bumps(renderer):
     assert (backward.tangents[:, 3] == -1.0).all()
     camera = look_at((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), (81, 81), field_of_view_rad=0.5, up=(0.0, 1.0, 0.0))
     pictures = [
-        renderer.draw(Scene(mesh, replace(bumpy, phong=lobe), camera, (light(azimuth, 0.6),))).radiance
+        renderer.draw(Scene.of(mesh, replace(bumpy, phong=lobe), camera, (light(azimuth, 0.6),))).radiance
         for mesh, azimuth in ((flat, 0.3), (backward, np.pi - 0.3))
     ]
     np.testing.assert_allclose(pictures[0][:, ::-1], pictures[1], atol=1e-4 * pictures[0].max())
@@ -173,7 +173,7 @@ def test_poles_of_the_sphere_and_the_statue_are_drawn_without_holes(gl, srf, ele
     """Where the texture shrinks to a point both renderers still draw numbers, and the same ones."""
     for mesh in (sphere(shape=(24, 48)), statue(shape=(60, 40))):
         camera = framed(mesh, (81, 81), azimuth_rad=0.0, elevation_rad=elevation_rad)
-        scene = Scene(mesh, srf, camera, (light(0.4, elevation_rad * 0.7),))
+        scene = Scene.of(mesh, srf, camera, (light(0.4, elevation_rad * 0.7),))
         drawn, reference = gl.draw(scene), ReferenceRenderer().draw(scene)
         middle = np.s_[36:45, 36:45]
         assert drawn.mask[middle].all()
@@ -193,7 +193,7 @@ def test_a_surface_hides_what_lies_behind_it(gl, flat):
 def test_scene_without_light_is_refused(srf):
     camera = look_at((0.0, -3.0, 1.0), (0.0, 0.0, 0.0), SIZE, field_of_view_rad=0.5)
     with pytest.raises(SceneError, match="no light"):
-        Scene(plane(), srf, camera, ())
+        Scene.of(plane(), srf, camera, ())
 
 
 def test_more_lights_than_one_pass_takes_are_the_sum_of_all(gl, srf):

@@ -39,7 +39,7 @@ def test_drawn_sphere_is_the_captured_one(request, maps, basis, renderer):
     row_column = (image[:, 1::-1] / image[:, 2:]).T
     upright, upside_down, sideways = [], [], []
     for number in (1, 5, 9):
-        picture = drawing.draw(Scene(mesh, fit.srf, camera, (LIGHTS[number],))).radiance
+        picture = drawing.draw(Scene.of(mesh, fit.srf, camera, (LIGHTS[number],))).radiance
         seen = np.stack([map_coordinates(picture[..., c], row_column, order=1) for c in range(3)], axis=-1)
         drawn, true = seen.reshape(SIZE, SIZE, 3), maps.reflectance_cos[number]
         lit = (maps.lights()[number] * normals).sum(axis=2) > 0.15  # not where a texel is half in the shade

@@ -106,7 +106,7 @@ def test_reference_draws_the_same_levels_as_the_shader(gl, levels):
     """Both find by themselves what a pixel covers: the card from its neighbours, the reference from the triangle."""
     mesh = torus(tiles=(40.0, 14.0))
     camera = framed(mesh, (96, 96), azimuth_rad=-0.6, elevation_rad=0.5)
-    scene = Scene(mesh, levels, camera, (light(0.4, 0.9),))
+    scene = Scene.of(mesh, levels, camera, (light(0.4, 0.9),))
     card, plain = gl.draw(scene), ReferenceRenderer().draw(scene)
     both = card.mask & plain.mask
     error = np.abs(card.radiance - plain.radiance)[both]

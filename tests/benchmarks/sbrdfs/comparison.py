@@ -121,7 +121,7 @@ def _frame(renderer: GlRenderer, material: Any, count: int) -> Row:
     mesh = sphere(shape=(65, 125))
     camera = framed(mesh, FRAME, azimuth_rad=np.radians(-35.0), elevation_rad=np.radians(35.0))
     lights = (light(np.radians(-35.0), np.radians(40.0)),)
-    scenes = [Scene(mesh, one, camera, lights) for one in (synthetic.pattern(64), material)]
+    scenes = [Scene.of(mesh, one, camera, lights) for one in (synthetic.pattern(64), material)]
     seconds = np.empty((WARM + count, 2))
     for turn, which in np.ndindex(seconds.shape):
         begun_s = time.perf_counter()

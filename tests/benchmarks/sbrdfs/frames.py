@@ -80,7 +80,7 @@ def frame_times(renderer: GlRenderer, name: str, quick: bool) -> Iterator[Row]:
         "with levels": replace(fine, coarser=levels),
         "all hidden": woven(hidden=1.1),
     }
-    scenes = {method: Scene(mesh, material, camera, (KEY,)) for method, material in materials.items()}
+    scenes = {method: Scene.of(mesh, material, camera, (KEY,)) for method, material in materials.items()}
     # What else runs delays long frames more than short ones; a software rasteriser's own time does not know of it.
     clock = time.process_time if "llvmpipe" in renderer.name else time.perf_counter
     spent: dict[str, list[tuple[float, float]]] = {method: [] for method in scenes}
@@ -129,9 +129,9 @@ def shimmers(renderer: GlRenderer, material: SbrdfPlus, size: tuple[int, int]) -
     mesh = plane(40.0, tiles=(80.0, 80.0), shape=(64, 64))
     fine = replace(material, coarser=())
     cameras = [receding(size, shift) for shift in _shifts()]
-    truth = np.stack([_supersampled(renderer, Scene(mesh, fine, camera, (KEY,))) for camera in cameras])
+    truth = np.stack([_supersampled(renderer, Scene.of(mesh, fine, camera, (KEY,))) for camera in cameras])
     for method, drawn in (("with levels", material), ("without levels", fine)):
-        frames = np.stack([renderer.draw(Scene(mesh, drawn, camera, (KEY,))).radiance for camera in cameras])
+        frames = np.stack([renderer.draw(Scene.of(mesh, drawn, camera, (KEY,))).radiance for camera in cameras])
         inside = (frames > 0).all(axis=(0, 3)) & (truth > 0).all(axis=(0, 3))
         error = (frames - truth)[:, inside]
         mean = truth[:, inside].mean()

@@ -55,7 +55,7 @@ def frame_times(renderer: GlRenderer, mesh: Mesh, quick: bool) -> list[dict[str,
     materials: dict[str, Material] = {"flat": synthetic.pattern(TEXELS)}
     materials |= {f"SRF {basis}": rough(basis, ROUND) for basis in ResidualBasis}
     materials["SRF half, drawn out"] = rough(ResidualBasis.HALF, DRAWN_OUT)
-    scenes = {name: Scene(mesh, material, camera, lights) for name, material in materials.items()}
+    scenes = {name: Scene.of(mesh, material, camera, lights) for name, material in materials.items()}
     seconds: dict[str, list[float]] = {name: [] for name in scenes}
     for _ in range(WARM + (5 if quick else 40)):
         for name, scene in scenes.items():
@@ -98,7 +98,7 @@ def environment_errors(renderer: GlRenderer, height: int) -> list[dict[str, obje
         specular = np.full(3, 0.0 if exponent is None else 0.12)
         material = rough(ResidualBasis.HALF, BlinnPhong(ROUND.diffuse, specular, exponent or 1.0))
         pictures = {
-            count: renderer.draw(Scene(mesh, material, camera, median_cut(environment, count)))
+            count: renderer.draw(Scene.of(mesh, material, camera, median_cut(environment, count)))
             for count in (1, 4, 16, 64, 256, 2 * height**2)
         }
         full = pictures.popitem()[1]

@@ -106,7 +106,7 @@ class _Picture:
 def _drawn(mesh: Mesh, material: Srf, size: int) -> _Picture:
     """The body from before, under a light beside the camera."""
     camera = framed(mesh, (size, size), azimuth_rad=np.radians(-35.0), elevation_rad=np.radians(15.0))
-    scene = Scene(mesh, material, camera, (light(np.radians(-15.0), np.radians(40.0)),))
+    scene = Scene.of(mesh, material, camera, (light(np.radians(-15.0), np.radians(40.0)),))
     fragments = rasterise(mesh, camera)
     corners = mesh.triangles
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])

@@ -20,7 +20,7 @@ def mesostructure(depths: np.ndarray, step: float = 0.001) -> Mesostructure:
     )
 
 
-def test_a_plane_has_one_depth_between_measured_views_too(rng):
+def test_a_plane_has_one_depth_between_measured_views_too():
     """Its distance along the ray would not be linear between views; its depth is."""
     plane = mesostructure(np.full((len(DIRECTIONS), 4, 6), 120, np.uint8))
     view = RNG.normal(size=(50, 3))
@@ -30,7 +30,7 @@ def test_a_plane_has_one_depth_between_measured_views_too(rng):
     assert plane.deepest == pytest.approx(0.12)
 
 
-def test_a_texel_seen_from_a_measured_view_is_the_stored_depth_and_repeats(rng):
+def test_a_texel_seen_from_a_measured_view_is_the_stored_depth_and_repeats():
     depths = RNG.integers(0, 255, (len(DIRECTIONS), 4, 6)).astype(np.uint8)
     uv = np.array([[(2 + 0.5) / 6, (1 + 0.5) / 4], [(2 + 0.5) / 6 - 1, (1 + 0.5) / 4 + 2]])
     found = mesostructure(depths).depth(uv, DIRECTIONS[[5, 5]])

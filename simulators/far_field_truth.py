@@ -57,6 +57,20 @@ def traced(
     return values.reshape(*values.shape[:2], texels, texels, 3), found
 
 
+def depths(sample: str, seed: int, views: Array, texels: int, depth_m: float) -> Array:
+    """Depth (view, y, x) under the plane z = 0 of the point that each texel shows, in metres; NaN where none.
+
+    Texels, views (m, 3) and errors as in `far_field.btf_below`; the ray is that through a texel's middle.
+    """
+    body, period_m = one_period(sample, seed, (views, views))
+    places = ray_places(texels, 1, period_m)
+    found = np.full((len(views), len(places)), np.nan)
+    for v, view in enumerate(views):
+        hits = first_hits((body, period_m), places, view, depth_m)
+        found[v, hits.ray] = -hits.points[:, 2]
+    return found.reshape(-1, texels, texels)
+
+
 def _truth(body: Sample, seen: tuple[Array, Array], shadowed: Mask, period_m: float, texels: int) -> FarFieldTruth:
     """That of points (view, texel, 3) and ways to them from their texels."""
     points, way_m = seen

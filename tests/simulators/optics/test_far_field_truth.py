@@ -5,7 +5,7 @@ import pytest
 
 from simulators import far_field
 from simulators.far_field import btf_below, one_period
-from simulators.far_field_truth import traced, truth
+from simulators.far_field_truth import depths, traced, truth
 from simulators.layout import direction
 from simulators.samples.relief import ReliefSample, flat_relief
 
@@ -45,6 +45,14 @@ def test_a_ray_straight_down_at_the_shifted_place_meets_the_same_point(name, fou
     assert len(hits.ray) == len(starts)
     assert np.quantile(away_m, 0.995) < 2 * sample.offset_m
     assert np.isnan(known.shift[known.hidden]).all()
+
+
+def test_depths_are_those_of_the_points_and_of_the_plane_that_a_steady_texel_lies_in(name, found):
+    """From the top a texel of any plane shows the same point."""
+    _, known = found
+    np.testing.assert_array_equal(depths(name, 3, WAYS, TEXELS, DEPTH_M), -known.points_m[..., 2])
+    higher, lower = (depths(name, 3, WAYS[:1], TEXELS, depth_m) for depth_m in (0.0, 2 * DEPTH_M))
+    np.testing.assert_allclose(higher, lower, atol=1e-6)
 
 
 def test_what_is_hidden_is_what_light_from_straight_above_does_not_reach(name, found):

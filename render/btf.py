@@ -1,4 +1,4 @@
-"""The factored bidirectional texture function on the graphics card; its shader is shaders/btf.frag."""
+"""The factored bidirectional texture function on the graphics card; its shader is shaders/btf.glsl."""
 
 import moderngl
 import numpy as np
@@ -12,9 +12,10 @@ SHADER = "btf.frag"
 
 
 def upload(context: moderngl.Context, btf: FactoredBtf) -> Binding:
-    """One array texture whose layers are (k, light), a table of weights (k, view), and two meshes of directions."""
+    """One array texture, whose layers are (k, light) and then k in ambient light, weights (k, view), two meshes."""
     rank, lights, height, width, channels = btf.eigenmaps.shape
-    layers = btf.eigenmaps.reshape(rank * lights, height, width, channels)
+    maps = btf.eigenmaps.reshape(rank * lights, height, width, channels)
+    layers = np.concatenate([maps, btf.ambient_maps.astype(np.float32)])
     textures: dict[str, moderngl.Texture | moderngl.TextureArray] = {
         "eigenmaps": texture_array(context, layers, f"BTF of {rank} x {lights} maps"),
         "view_weights": table(context, btf.weights[:, :, None]),

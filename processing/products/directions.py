@@ -1,6 +1,7 @@
 """A triangulated set of directions, to interpolate a measured material between them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
@@ -9,6 +10,7 @@ from processing.errors import ImageError
 from processing.products.arrays import Float64, Int32
 
 CELLS = 128
+_SPREAD = 1 << 15  # points of the disc over which shares are counted: their error is under 1e-4
 # A point is in a region whose tests it fails by no more than this: on a border rounding would send it to and fro.
 _TOLERANCE = 1e-12
 
@@ -91,6 +93,19 @@ class DirectionMesh:
         weights[:, 1:] *= self.regions.counted[region]
         weights = np.maximum(weights, 0.0)
         return self.regions.corners[region], weights / weights.sum(axis=1, keepdims=True)
+
+    @cached_property
+    def cosine_shares(self) -> Float64:
+        """Share (n,) that each direction has of an integral over the hemisphere with the cosine, divided by pi.
+
+        The cosine times the solid angle is area of the disc: interpolated values are averaged over it, at the points
+        of a sunflower (Vogel 1979). The sum is 1.
+        """
+        turn = np.arange(_SPREAD) * np.pi * (3 - np.sqrt(5))
+        radius = np.sqrt((np.arange(_SPREAD) + 0.5) / _SPREAD)
+        points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)])
+        index, weight = self.weights(points)
+        return np.bincount(index.ravel(), weight.ravel(), len(self.directions)) / _SPREAD
 
     @property
     def lowest(self) -> float:

@@ -1,6 +1,7 @@
 """A bidirectional texture function as a short sum of products: maps over light and texel, times weights over view."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,21 @@ class FactoredBtf:
             lit = np.einsum("nj,nt,njtc->nc", light_weight, taps, texel)
             total += lit * (view_weight * weight[view_index]).sum(axis=1, keepdims=True)
         return total
+
+    @cached_property
+    def ambient_maps(self) -> Float64:
+        """Each eigenmap times the cosine, integrated over the lights and divided by pi, (k, y, x, channel)."""
+        return np.asarray(np.tensordot(self.lights.cosine_shares, self.eigenmaps.astype(np.float64), axes=(0, 1)))
+
+    def ambient(self, uv: Float64, view: Float64) -> Float64:
+        """Radiance (n, channel) toward `view` (n, 3) for unit irradiance that comes equally from everywhere.
+
+        L_a of Wang et al. 2005 with the cosine, over pi: of a matt surface it is the reflectance.
+        """
+        rows, columns, taps = bilinear_taps(uv, self.eigenmaps.shape[2], self.eigenmaps.shape[3], wrap=True)
+        view_index, view_weight = self.views.weights(view)
+        weight = np.einsum("nj,knj->nk", view_weight, self.weights[:, view_index])
+        return np.asarray(np.einsum("nk,nt,kntc->nc", weight, taps, self.ambient_maps[:, rows, columns]))
 
     def save(self, folder: Path) -> None:
         """Write factors.npz and product.json into `folder`, which is made."""

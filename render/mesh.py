@@ -12,6 +12,9 @@ import numpy as np
 from render.arrays import Float64, Int32, Rows, dot, unit
 from render.errors import MeshError
 
+# Positions, normals and tangents (n, 3 each) of a parametric surface at u and v (n,) in [0, 1].
+Surface = Callable[[Rows, Rows], tuple[Rows, Rows, Rows]]
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -83,13 +86,10 @@ def angle_weighted_normals(positions: Rows, triangles: Int32) -> Float64:
     return normals
 
 
-def grid_mesh(
-    surface: Callable[[Rows, Rows], tuple[Rows, Rows, Rows]], shape: tuple[int, int], tiles: tuple[float, float]
-) -> Mesh:
+def grid_mesh(surface: Surface, shape: tuple[int, int], tiles: tuple[float, float]) -> Mesh:
     """A mesh over a parametric surface with analytic frames.
 
-    `surface(u, v)` gives positions, normals and tangents (n, 3 each) for u and v (n,) in [0, 1]; `shape` counts the
-    quads along v and u; the texture repeats `tiles` times along u and v.
+    `shape` counts the quads along v and u; the texture repeats `tiles` times along u and v.
     """
     rows, columns = shape
     v, u = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij"))

@@ -1,12 +1,15 @@
-"""Meshes that need no file: sphere, plane, torus, a turned vase and a statue, with the frames of the smooth surface."""
+"""Meshes without a file: sphere, plane, torus, cylinder, knot, vase and statue, with the frames of the smooth surface.
+
+Those whose `_surface` is public can be had as the smooth surface itself, to move it or to put something else on it.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from render.arrays import Float64, Rows
-from render.mesh import Mesh, grid_mesh
+from render.arrays import Float64, Rows, unit
+from render.mesh import Mesh, Surface, grid_mesh
 
 # A camera at azimuth 0 that looks along -X: x = +Y, y = -Z, z = -X of the rig frame.
 MAP_FROM_RIG = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
@@ -32,12 +35,17 @@ _STATUE_OUTLINE = np.array(
 
 def sphere(radius: float = 1.0, *, tiles: tuple[float, float] = (4.0, 2.0), shape: tuple[int, int] = (64, 128)) -> Mesh:
     """A sphere about the origin, poles on Z; the texture goes around it `tiles[0]` times from +X toward +Y."""
+    return grid_mesh(sphere_surface(radius), shape, tiles)
+
+
+def sphere_surface(radius: float = 1.0) -> Surface:
+    """The surface of `sphere`."""
 
     def surface(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
         normal = _turned(u, np.sin(np.pi * v), np.cos(np.pi * v))
         return radius * normal, normal, _around(u)
 
-    return grid_mesh(surface, shape, tiles)
+    return surface
 
 
 def captured_sphere(
@@ -53,13 +61,18 @@ def captured_sphere(
 
 def plane(side: float = 2.0, *, tiles: tuple[float, float] = (1.0, 1.0), shape: tuple[int, int] = (1, 1)) -> Mesh:
     """A square in z = 0 facing +Z, texture upright for who looks along -Z with +Y upward."""
+    return grid_mesh(plane_surface(side), shape, tiles)
+
+
+def plane_surface(side: float = 2.0) -> Surface:
+    """The surface of `plane`."""
 
     def surface(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
         positions = side * np.column_stack([u - 0.5, 0.5 - v, np.zeros_like(u)])
         ones, zeros = np.ones_like(u), np.zeros_like(u)
         return positions, np.column_stack([zeros, zeros, ones]), np.column_stack([ones, zeros, zeros])
 
-    return grid_mesh(surface, shape, tiles)
+    return surface
 
 
 def torus(
@@ -70,6 +83,11 @@ def torus(
     shape: tuple[int, int] = (48, 120),
 ) -> Mesh:
     """A torus about the Z axis; the texture repeats `tiles` times around the axis and around the tube."""
+    return grid_mesh(torus_surface(radius, tube_radius), shape, tiles)
+
+
+def torus_surface(radius: float = 1.0, tube_radius: float = 0.42) -> Surface:
+    """The surface of `torus`."""
 
     def surface(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
         # Texture rows run downward on the outside, so the tube is walked clockwise.
@@ -77,7 +95,86 @@ def torus(
         normal = _turned(u, np.cos(angle_rad), np.sin(angle_rad))
         return tube_radius * normal + _turned(u, radius, 0.0), normal, _around(u)
 
-    return grid_mesh(surface, shape, tiles)
+    return surface
+
+
+def cylinder(
+    radius: float = 0.5,
+    height: float = 2.0,
+    *,
+    tiles: tuple[float, float] = (6.0, 4.0),
+    shape: tuple[int, int] = (32, 96),
+) -> Mesh:
+    """A closed cylinder about the Z axis, its middle in the origin; the texture repeats `tiles` times around and along.
+
+    The ends are flat discs whose texture lies straight, at the same length of a tile as on the side.
+    """
+    side = grid_mesh(cylinder_surface(radius, height), shape, tiles)
+    tile = np.array([2.0 * np.pi * radius / tiles[0], height / tiles[1]])
+    rings = max(1, round(shape[1] / 12))
+    ends = [_disc(radius, facing * 0.5 * height, facing, (rings, shape[1]), tile) for facing in (1.0, -1.0)]
+    return _joined([side, *ends])
+
+
+def cylinder_surface(radius: float = 0.5, height: float = 2.0) -> Surface:
+    """The side of `cylinder`."""
+
+    def surface(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
+        return _turned(u, radius, (0.5 - v) * height), _turned(u, 1.0, 0.0), _around(u)
+
+    return surface
+
+
+def knot(
+    radius: float = 1.0,
+    coil_radius: float = 0.5,
+    tube_radius: float = 0.22,
+    *,
+    turns: tuple[int, int] = (2, 3),
+    tiles: tuple[float, float] = (24.0, 2.0),
+    shape: tuple[int, int] = (24, 480),
+) -> Mesh:
+    """A tube along a torus knot; the texture repeats `tiles` times along the knot, evenly, and around the tube.
+
+    The knot lies on a torus about the Z axis and goes `turns` times around that axis and around the torus's tube, of
+    radius `coil_radius`; as it stands 23 040 triangles.
+    """
+    return grid_mesh(knot_surface(radius, coil_radius, tube_radius, turns=turns), shape, tiles)
+
+
+def knot_surface(
+    radius: float = 1.0, coil_radius: float = 0.5, tube_radius: float = 0.22, *, turns: tuple[int, int] = (2, 3)
+) -> Surface:
+    """The surface of `knot`: u by arc length, v around from a direction that is carried along without turning.
+
+    What such a direction has turned when it comes back is spread over the whole length, so that the texture closes.
+    Tangents are differences of the surface over 1e-5 of its length, right to about 1e-9. Source: Bishop, There is More
+    than One Way to Frame a Curve, 1975.
+    """
+    step = 1e-5
+    angle, twist = _even_angle_and_twist(radius, coil_radius, turns)
+
+    def tube(u: Rows, v: Rows) -> tuple[Rows, Rows]:
+        around = (twist(u % 1.0) + 2.0 * np.pi * v)[:, None]
+        middle, along, out = _torus_knot(angle(u % 1.0), radius, coil_radius, turns)
+        normal = np.cos(around) * out + np.sin(around) * np.cross(along, out)
+        return middle + tube_radius * normal, normal
+
+    def surface(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
+        return *tube(u, v), tube(u + step, v)[0] - tube(u - step, v)[0]
+
+    return surface
+
+
+def placed(surface: Surface, world_from_body: Rows) -> Surface:
+    """The surface moved by a rigid transform (4, 4)."""
+    turn, shift = world_from_body[:3, :3], world_from_body[:3, 3]
+
+    def moved(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
+        positions, normals, tangents = surface(u, v)
+        return positions @ turn.T + shift, normals @ turn.T, tangents @ turn.T
+
+    return moved
 
 
 def vase(*, tiles: tuple[float, float] = (4.0, 4.0), shape: tuple[int, int] = (112, 112)) -> Mesh:
@@ -108,6 +205,55 @@ def statue(*, tiles: tuple[float, float] = (4.0, 8.0), shape: tuple[int, int] = 
         return _draped(outline, u, v), np.cross(down, across), across
 
     return grid_mesh(surface, shape, tiles)
+
+
+def _disc(radius: float, height: float, facing: float, shape: tuple[int, int], tile: Rows) -> Mesh:
+    """A disc across the Z axis that faces +Z or -Z, the texture's u along +X; `tile` (2,) is the length of one."""
+
+    def surface(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
+        # Rows run outward where the disc faces up, inward where it faces down: the triangles face as the disc does.
+        positions = _turned(u, radius * (v if facing > 0 else 1.0 - v), height)
+        normals, tangents = np.zeros_like(positions), np.zeros_like(positions)
+        normals[:, 2], tangents[:, 0] = facing, 1.0
+        return positions, normals, tangents
+
+    mesh = grid_mesh(surface, shape, (1.0, 1.0))
+    return replace(mesh, uv=mesh.positions[:, :2] * [1.0, -facing] / tile)
+
+
+def _joined(meshes: list[Mesh]) -> Mesh:
+    """One mesh of several; nothing is welded."""
+    first = np.cumsum([0, *(len(mesh.positions) for mesh in meshes)])
+    triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)])
+    positions, normals, tangents, uv = (
+        np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in ("positions", "normals", "tangents", "uv")
+    )
+    return Mesh(positions, normals, tangents, uv, triangles.astype(np.int32))
+
+
+def _torus_knot(
+    angle_rad: Rows, radius: float, coil_radius: float, turns: tuple[int, int]
+) -> tuple[Float64, Float64, Float64]:
+    """Points of a torus knot over [0, 2 pi], unit vectors along it, and normals of the torus that it lies on."""
+    around, coiled = turns[0] * angle_rad / (2.0 * np.pi), turns[1] * angle_rad
+    normal = _turned(around, np.cos(coiled), np.sin(coiled))
+    reach = radius + coil_radius * np.cos(coiled)
+    across = _turned(around, -np.sin(coiled), np.cos(coiled))
+    along = turns[0] * reach[:, None] * _around(around) + turns[1] * coil_radius * across
+    return _turned(around, radius, 0.0) + coil_radius * normal, unit(along), normal
+
+
+def _even_angle_and_twist(radius: float, coil_radius: float, turns: tuple[int, int]) -> tuple[CubicSpline, CubicSpline]:
+    """The knot's angle, and how far a carried direction stands from the torus's normal, over the share of length."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 2049)
+    points, along, out = _torus_knot(angle, radius, coil_radius, turns)
+    points[-1], along[-1], out[-1] = points[0], along[0], out[0]  # for the splines, equal to the last bit
+    slope, turning = (CubicSpline(angle, rows, bc_type="periodic")(angle, 1) for rows in (points, out))
+    length = CubicSpline(angle, np.linalg.norm(slope, axis=1)).antiderivative()(angle)
+    share = length / length[-1]
+    twist = CubicSpline(angle, -np.sum(turning * np.cross(along, out), axis=1)).antiderivative()(angle)
+    closed = 2.0 * np.pi * np.round(twist[-1] / (2.0 * np.pi))
+    return CubicSpline(share, angle), CubicSpline(share, twist + (closed - twist[-1]) * share)
 
 
 def _draped(outline: CubicSpline, u: Rows, v: Rows) -> Float64:

@@ -6,9 +6,30 @@ import pytest
 from render.arrays import unit
 from render.frames import gradient_frames, vertex_frames
 from render.mesh import Mesh, angle_weighted_normals, mesh_from_uv
-from render.shapes import MAP_FROM_RIG, captured_sphere, plane, sphere, statue, torus, vase
+from render.shapes import (
+    MAP_FROM_RIG,
+    captured_sphere,
+    cylinder,
+    knot,
+    knot_surface,
+    placed,
+    plane,
+    sphere,
+    statue,
+    torus,
+    torus_surface,
+    vase,
+)
 
-SHAPES = {"sphere": sphere(), "plane": plane(shape=(4, 5)), "torus": torus(), "vase": vase(), "statue": statue()}
+SHAPES = {
+    "sphere": sphere(),
+    "plane": plane(shape=(4, 5)),
+    "torus": torus(),
+    "cylinder": cylinder(),
+    "knot": knot(),
+    "vase": vase(),
+    "statue": statue(),
+}
 
 
 @pytest.fixture(params=SHAPES)
@@ -29,7 +50,16 @@ def test_frames_are_orthonormal_and_right_handed(shape):
 
 
 @pytest.mark.parametrize(
-    ("name", "least_cosine"), [("sphere", 0.97), ("plane", 1 - 1e-9), ("torus", 0.97), ("vase", 0.85), ("statue", 0.45)]
+    ("name", "least_cosine"),
+    [
+        ("sphere", 0.97),
+        ("plane", 1 - 1e-9),
+        ("torus", 0.97),
+        ("cylinder", 0.97),
+        ("knot", 0.97),
+        ("vase", 0.85),
+        ("statue", 0.45),
+    ],
 )
 def test_tangent_runs_along_u_and_binormal_against_v(name, least_cosine):
     """The texture's own derivatives agree with the analytic frame to what a triangle spans: 30 degrees at the lip.
@@ -53,7 +83,7 @@ def test_triangles_face_outward(shape):
     assert (outward > 0).all()
 
 
-@pytest.mark.parametrize("name", ["sphere", "torus", "vase", "statue"])
+@pytest.mark.parametrize("name", ["sphere", "torus", "cylinder", "knot", "vase", "statue"])
 def test_closed_shapes_have_no_border(name):
     mesh = SHAPES[name]
     _, place = np.unique(mesh.positions.round(9), axis=0, return_inverse=True)
@@ -66,7 +96,11 @@ def test_closed_shapes_have_no_border(name):
 
 @pytest.mark.parametrize(
     ("mesh", "volume"),
-    [(sphere(2.0), 4 / 3 * np.pi * 8.0), (torus(1.0, 0.4), 2 * np.pi**2 * 0.16)],
+    [
+        (sphere(2.0), 4 / 3 * np.pi * 8.0),
+        (torus(1.0, 0.4), 2 * np.pi**2 * 0.16),
+        (cylinder(0.4, 1.5), np.pi * 0.16 * 1.5),
+    ],
 )
 def test_volume_is_that_of_the_smooth_surface(mesh, volume):
     """A mesh inscribed in a curved surface loses the segments' sagitta: under 0.5 % at these steps."""
@@ -83,6 +117,56 @@ def test_torus_texture_closes_after_whole_tiles():
     np.testing.assert_allclose(positions[0], positions[-1], atol=1e-12)
     np.testing.assert_allclose(u[:, -1] - u[:, 0], 5.0)
     np.testing.assert_allclose(v[-1] - v[0], 2.0)
+
+
+def test_cylinder_has_one_length_of_a_tile_on_side_and_ends():
+    """World length of one tile along u and along v, triangle by triangle; the side's chords are 0.02 % short."""
+    mesh = cylinder(0.5, 2.0, tiles=(np.pi, 2.0))
+    p0, p1, p2 = (mesh.positions[mesh.triangles[:, k]] for k in range(3))
+    jacobian = np.stack([mesh.uv[mesh.triangles[:, k]] - mesh.uv[mesh.triangles[:, 0]] for k in (1, 2)], axis=1)
+    along = np.linalg.solve(jacobian, np.stack([p1 - p0, p2 - p0], axis=1))
+    np.testing.assert_allclose(np.linalg.norm(along, axis=2), 1.0, atol=1e-3)
+
+
+def test_knot_is_even_along_its_length_and_closes():
+    """The middle of the tube goes on at one speed, to the spline's error, and comes back to where it began."""
+    surface = knot_surface()
+    u, v = np.linspace(0.0, 1.0, 801), np.zeros(801)
+    middle = surface(u, v)[0] - 0.22 * surface(u, v)[1]
+    speed = np.linalg.norm(np.diff(middle, axis=0), axis=1)
+    np.testing.assert_allclose(speed, speed.mean(), rtol=1e-3)
+    for first, last in zip(surface(u[:1], v[:1]), surface(u[-1:], v[-1:]), strict=True):
+        np.testing.assert_allclose(first, last, atol=1e-9)
+
+
+def test_knot_has_room_between_its_strands():
+    """Points of the middle that are farther along than half a turn of the tube lie over a diameter apart."""
+    surface = knot_surface()
+    u, v = np.linspace(0.0, 1.0, 400, endpoint=False), np.zeros(400)
+    middle = surface(u, v)[0] - 0.22 * surface(u, v)[1]
+    apart = np.linalg.norm(middle[:, None] - middle, axis=2)
+    length = np.linalg.norm(np.diff(middle, axis=0), axis=1).mean()
+    steps = np.abs(np.arange(400)[:, None] - np.arange(400))
+    assert apart[np.minimum(steps, 400 - steps) * length > np.pi * 0.22].min() > 2 * 0.22
+
+
+def test_knot_normals_are_those_of_the_surface():
+    """Perpendicular to differences of the surface both ways."""
+    surface = knot_surface(turns=(3, 4), tube_radius=0.1)
+    u, v = np.random.default_rng(7).uniform(0.0, 1.0, (2, 500))
+    positions, normals, along = surface(u, v)
+    around = surface(u, v + 1e-5)[0] - positions
+    assert np.abs(np.sum(unit(normals) * unit(along), axis=1)).max() < 1e-6
+    assert np.abs(np.sum(unit(normals) * unit(around), axis=1)).max() < 1e-3
+
+
+def test_placed_surface_is_the_moved_one():
+    world_from_body = np.array([[0, -1, 0, 1.0], [0, 0, -1, 2.0], [1, 0, 0, 3.0], [0, 0, 0, 1.0]])
+    u, v = np.random.default_rng(7).uniform(0.0, 1.0, (2, 20))
+    here, there = torus_surface()(u, v), placed(torus_surface(), world_from_body)(u, v)
+    np.testing.assert_allclose(there[0], np.column_stack([1 - here[0][:, 1], 2 - here[0][:, 2], 3 + here[0][:, 0]]))
+    for before, after in zip(here[1:], there[1:], strict=True):
+        np.testing.assert_allclose(after, np.column_stack([-before[:, 1], -before[:, 2], before[:, 0]]))
 
 
 def test_vase_has_more_than_ten_thousand_triangles_and_stands_on_the_ground():

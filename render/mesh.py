@@ -59,7 +59,7 @@ def mesh_from_uv(positions: Rows, normals: Rows, uv: Rows, triangles: Int32) -> 
     vertex, triangles = split // 2, corner.reshape(triangles.shape).astype(np.int32)
     positions, normals, uv = positions[vertex], unit(normals[vertex]), uv[vertex]
     tangent = np.zeros_like(normals)
-    for corner_of_three, angle in enumerate(_corner_angles(positions, triangles).T):
+    for corner_of_three, angle in enumerate(corner_angles(positions, triangles).T):
         index = triangles[:, corner_of_three]
         flat = unit(along_u - dot(along_u, normals[index]) * normals[index])
         np.add.at(tangent, index, angle[:, None] * flat)
@@ -81,7 +81,7 @@ def angle_weighted_normals(positions: Rows, triangles: Int32) -> Float64:
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     face = unit(np.cross(b - a, c - a))
     normals = np.zeros_like(positions, dtype=np.float64)
-    for corner, angle in enumerate(_corner_angles(positions, triangles).T):
+    for corner, angle in enumerate(corner_angles(positions, triangles).T):
         np.add.at(normals, triangles[:, corner], angle[:, None] * face)
     return normals
 
@@ -117,7 +117,7 @@ def _texture_derivative(positions: Rows, uv: Rows, triangles: Int32) -> tuple[Fl
     return along_u, (area > 0).astype(np.int32)
 
 
-def _corner_angles(positions: Rows, triangles: Int32) -> Float64:
+def corner_angles(positions: Rows, triangles: Int32) -> Float64:
     """Inner angles (m, 3) of the triangles in radians."""
     corners = positions[triangles]
     to_next = unit(np.roll(corners, -1, axis=1) - corners)

@@ -242,7 +242,12 @@ def mdf_errors(session: Session, simulation: Simulation) -> MdfErrors:
     for record in session.frames():
         view = (record.camera, record.step.axes_rad["turntable"])
         reply = simulation.request(
-            "truth", what="displacement", camera=record.camera, texels=session.plan.texels, at=_at(record.step)
+            "truth",
+            what="displacement",
+            camera=record.camera,
+            texels=session.plan.texels,
+            depth_m=session.plan.depth_mm / 1e3,
+            at=_at(record.step),
         )
         truth[view] = np.load(reply["path"])
         lit[view] = np.load(reply["lit_path"]) | lit.get(view, np.False_)

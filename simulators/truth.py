@@ -86,23 +86,24 @@ class Truth:
             raise ValueError(f"truth {what!r}: {error}") from error
         return tellers[what](pose, **arguments)
 
-    def displacement(self, pose: Pose, camera: str, texels: int) -> dict[str, Any]:
+    def displacement(self, pose: Pose, camera: str, texels: int, depth_m: float = 0.0) -> dict[str, Any]:
         """Displacement (texels, texels) in metres along the view rays through the texel centres, NaN where none hits.
 
-        From the point where the ray of the camera's true place crosses z = 0 to the first hit. "lit_path": which of
-        the hits (texels, texels) the laser, as mounted and standing in this pose, can reach; "points_path": the hits
-        (texels, texels, 3), rig frame.
+        The texels lie depth_m under z = 0. From the point where the ray of the camera's true place crosses z = 0 to the
+        first hit. "lit_path": which of the hits (texels, texels) the laser, as mounted and standing in this pose, can
+        reach; "points_path": the hits (texels, texels, 3), rig frame.
         """
         eye_m = self._camera(camera).rig_from_camera[:3, 3]
-        centres = self._studio.to_rig(pose, self._texels(texels, 1))
-        hits = self._toward(pose, eye_m, centres)
+        below = self._studio.to_rig(pose, self._texels(texels, 1) - [0.0, 0.0, depth_m])
+        entries = eye_m + (below - eye_m) * (eye_m[2] / (eye_m[2] + depth_m))
+        hits = self._toward(pose, eye_m, below)
         points = np.full((texels**2, 3), np.nan)
         points[hits.ray] = self._studio.to_rig(pose, hits.points)
         lit = np.zeros(texels**2, bool)
         source = self._studio.layout.laser.source(pose.light_arc_rad, pose.laser_elevation_rad)
         lit[hits.ray] = self._studio.lit(pose, hits, source)
-        depth = np.linalg.norm(points - centres, axis=1).reshape(texels, texels)
-        key = (camera, texels)
+        depth = np.linalg.norm(points - entries, axis=1).reshape(texels, texels)
+        key = (camera, texels, depth_m)
         return {
             "path": self._save("displacement", pose, key, depth),
             "lit_path": self._save("lit", pose, key, lit.reshape(texels, texels)),

@@ -87,8 +87,11 @@ def mdf_from_sweeps(
     texels: int,
     weighting: Weighting = Weighting.VARIANCE,
     settings: PulseSettings | None = None,
+    plane_m: float = 0.0,
 ) -> tuple[Mdf, tuple[ViewResult, ...]]:
     """MDF (view, y, x) over the holder's texels, and what became of each view, in the order in which views appear.
+
+    The texels lie `plane_m` under the reference plane.
 
     Sweeps of one view follow one another. They are taken one by one, so frames may be read as they are needed, and no
     more than one view's sweeps are in memory. A view direction is that of the camera from the sample's centre, in the
@@ -96,18 +99,24 @@ def mdf_from_sweeps(
     Raises ImageError where there is no sweep, a view's sweeps are torn apart, or frames do not fit their camera.
     """
     merged: dict[str, ViewResult] = {}
-    sheets, directions = [], []
+    sheets, eyes = [], []
     for view, mine in groupby(sweeps, key=lambda sweep: sweep.view):
         if view in merged:
             raise ImageError(f"{view}: its sweeps must follow one another, but those of another view lie between.")
         results = [_to_merge(measure_sweep(sweep, holder, settings)) for sweep in mine]
         merged[view] = merge_view(view, results, weighting)
-        sheets.append(view_texels(merged[view].merged, results[0].sweep, holder, texels))
-        directions.append(_view_direction(results[0].sweep))
+        sheets.append(view_texels(merged[view].merged, results[0].sweep, holder, texels, plane_m))
+        eyes.append(
+            geometry.rotate(geometry.invert(results[0].sweep.rig_from_sample), results[0].sweep.camera.centre_m)
+        )
     if not merged:
         raise ImageError("no sweeps: an MDF needs at least one view.")
     displacement, variance = (np.stack([sheet[i] for sheet in sheets]) for i in (0, 1))
-    return Mdf(displacement, variance, np.stack(directions), holder.texels_m), tuple(merged.values())
+    away_m = np.linalg.norm(eyes, axis=1)
+    mdf = Mdf(
+        displacement, variance, np.stack(eyes) / away_m[:, None], holder.texels_m, plane_m=plane_m, distances_m=away_m
+    )
+    return mdf, tuple(merged.values())
 
 
 def _to_merge(result: SweepResult) -> SweepResult:
@@ -160,24 +169,19 @@ def _spread(merged: Merged, looking: NDArray[np.bool_]) -> Merged:
 
 
 def view_texels(
-    merged: Merged, sweep: Sweep, holder: Holder, texels: int
+    merged: Merged, sweep: Sweep, holder: Holder, texels: int, plane_m: float = 0.0
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Displacement and variance (n, n) of a view on the sample's texel grid (row 0 at +Y).
+    """Displacement and variance (n, n) of a view on the sample's texel grid (row 0 at +Y), at z = -plane_m.
 
     NaN also where the displacement's standard deviation exceeds DOUBT of the box's depth: whether the ray meets a
     brick's edge or the joint behind it is then open, and a guess would be a false point.
     """
-    grid = geometry.transform_points(sweep.rig_from_sample, geometry.texel_grid(texels, holder.texels_m))
+    grid = geometry.transform_points(sweep.rig_from_sample, geometry.texel_grid(texels, holder.texels_m, -plane_m))
     uv_px = sweep.camera.project(grid)
     found, variance = texel_displacement(merged.displacement_m, merged.variance_m2, uv_px, holder.texels_m / texels)
     with np.errstate(invalid="ignore"):
         doubtful = variance > (DOUBT * holder.depth_m) ** 2
     return np.where(doubtful, np.float32(np.nan), found), np.where(doubtful, np.float32(np.nan), variance)
-
-
-def _view_direction(sweep: Sweep) -> Array:
-    towards = geometry.rotate(geometry.invert(sweep.rig_from_sample), sweep.camera.centre_m)
-    return np.asarray(towards / np.linalg.norm(towards))
 
 
 def _without_dim(peaks: PeakTimes, sweep: Sweep, holder: Holder, laser: LaserSweep) -> PeakTimes:

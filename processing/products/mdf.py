@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.geometry import texel_grid
 from processing.products.arrays import Float32, Float64
 from processing.products.provenance import Provenance, read_arrays, read_description, write_description
 
@@ -20,8 +21,10 @@ class Mdf:
     """D(view, y, x) in metres along the view ray from the reference plane down to the surface; NaN = not seen.
 
     `displacement_m` and its `variance_m2` are float32, `view_directions` (view, 3) unit vectors of the sample
-    frame, `side_m` the edge of the square sample that the texels divide (row 0 at +Y). Not negative where the
+    frame from its centre, `side_m` the edge of the square that the texels divide (row 0 at +Y). Not negative where the
     reference plane lies above the sample; measured values may undershoot 0 by their noise.
+    A texel stands for the ray that crosses the plane `plane_m` under the reference plane there. `distances_m` (view,)
+    is how far the eye was from the sample's centre; left out, so far that all rays of a view are parallel.
     """
 
     displacement_m: Float32
@@ -29,6 +32,16 @@ class Mdf:
     view_directions: Float64
     side_m: float
     provenance: Provenance = field(default_factory=Provenance)
+    plane_m: float = 0.0
+    distances_m: Float64 | None = None
+
+    def depth_m(self) -> Float64:
+        """How far under the reference plane (view, y, x) the points lie: D times its ray's cosine."""
+        texels = texel_grid(self.displacement_m.shape[1], self.side_m, -self.plane_m)
+        far = np.full(len(self.view_directions), np.inf) if self.distances_m is None else self.distances_m
+        toward = self.view_directions[:, None, None] - texels / far[:, None, None, None]
+        cosine = toward[..., 2] / np.linalg.norm(toward, axis=-1)
+        return np.asarray(self.displacement_m * cosine, np.float64)
 
     def pack8(self) -> tuple[NDArray[np.uint8], float]:
         """One byte per sample and the metres per step: value = code * scale_m, 255 = missing.
@@ -50,7 +63,9 @@ class Mdf:
             variance_m2=self.variance_m2,
             view_directions=self.view_directions,
         )
-        content = {"file": "mdf.npz", "axes": "view y x", "side_m": self.side_m, **(told or {})}
+        eyes = {} if self.distances_m is None else {"distances_m": list(map(float, self.distances_m))}
+        where = {"side_m": self.side_m, "plane_m": self.plane_m, **eyes}
+        content = {"file": "mdf.npz", "axes": "view y x", **where, **(told or {})}
         write_description(folder, KIND, content, self.provenance)
 
     @classmethod
@@ -59,7 +74,16 @@ class Mdf:
         content, provenance = read_description(folder, KIND)
         names = ("displacement_m", "variance_m2", "view_directions")
         displacement_m, variance_m2, directions = read_arrays(folder / content["file"], names)
-        return cls(displacement_m, variance_m2, directions, float(content["side_m"]), provenance)
+        distances = content.get("distances_m")
+        return cls(
+            displacement_m,
+            variance_m2,
+            directions,
+            float(content["side_m"]),
+            provenance,
+            float(content.get("plane_m", 0.0)),
+            None if distances is None else np.asarray(distances, np.float64),
+        )
 
 
 def unpack8(code: NDArray[np.uint8], scale_m: float) -> Float32:

@@ -129,20 +129,13 @@ class SrfPlan(_Model):
         return {name: value for name, value in data.items() if name not in unused | ({"lamp"} if self.lamps else set())}
 
 
-class BtfPlan(_Model):
-    """A flat sample on the turntable under every lamp of the light arc; light azimuths in the sample frame.
+class _TexelPlan(_Model):
+    """A flat sample, measured texel by texel.
 
     `depth_mm` is how far its surface lies under the holder's opening, in the mean: there the texels are, so that what a
     texel shows moves the less from view to view.
     """
 
-    kind: Literal["btf"]
-    sample: Name = "brick"
-    turntable_deg: Angles
-    light_azimuth_deg: Angles
-    lamps: Names
-    cameras: Names
-    exposures_s: Exposures
     texels: Texels
     depth_mm: Depth = 0.0
 
@@ -153,7 +146,19 @@ class BtfPlan(_Model):
         return {name: value for name, value in data.items() if name != "depth_mm" or value}
 
 
-class MdfPlan(_Model):
+class BtfPlan(_TexelPlan):
+    """A flat sample on the turntable under every lamp of the light arc; light azimuths in the sample frame."""
+
+    kind: Literal["btf"]
+    sample: Name = "brick"
+    turntable_deg: Angles
+    light_azimuth_deg: Angles
+    lamps: Names
+    cameras: Names
+    exposures_s: Exposures
+
+
+class MdfPlan(_TexelPlan):
     """Laser sweeps over a flat sample; laser azimuths in the rig frame, elevations are mountings by hand.
 
     The azimuths are one list for every mounting, or one list for each of `laser_elevations_deg`, in its order. Without
@@ -168,7 +173,6 @@ class MdfPlan(_Model):
     cameras: Names
     exposure_s: Exposure | None = None
     frame_rate_hz: float = Field(strict=True, gt=0, le=240)
-    texels: Texels
 
     def mountings_deg(self) -> tuple[tuple[float, tuple[float, ...]], ...]:
         """Every mounting's elevation with its azimuths, lowest first."""

@@ -1,6 +1,7 @@
 """The mesostructure distance function from the laser sweeps of an `mdf` session."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import degrees, isfinite, radians
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ from processing.errors import ImageError
 from processing.laser.holder import Holder
 from processing.laser.laser_plane import LaserMount, SweepStatus
 from processing.laser.mdf import Sweep, ViewResult, mdf_from_sweeps
-from processing.products import Mdf
 from processing.radiometry.sensor import Sensor
 from processing.radiometry.sensor_calibration import SensorCalibration
 from rig.config import RigConfig
@@ -40,19 +40,20 @@ def make_mdf(session: Session, calibrations: Calibrations, progress: Progress) -
     folder = session.products / "mdf"
     # Views by camera and turntable; a view's locations one after the other, in the order of the steps.
     records = sorted(session.frames(), key=lambda record: (record.camera, record.step.axes_rad["turntable"]))
-    inputs = fingerprint(records, {"texels": session.plan.texels, "calibrations": calibrations.digest()})
+    plane_m = session.plan.depth_mm / 1e3
+    measured_on = {"texels": session.plan.texels} | ({"depth_m": plane_m} if plane_m else {})
+    inputs = fingerprint(records, {**measured_on, "calibrations": calibrations.digest()})
     if is_current(folder, inputs):
         return folder
     sweeps = (_sweep(record, session.config, calibrations) for record in progress.track(records, "laser sweeps"))
-    mdf, views = mdf_from_sweeps(sweeps, _holder(session.config), session.plan.texels)
+    mdf, views = mdf_from_sweeps(sweeps, _holder(session.config), session.plan.texels, plane_m=plane_m)
     told = [_told(view, [r for r in records if _view(r) == view.view]) for view in views]
     for text in (text for one in told for text in _troubles(one)):
         progress.note(text)
     folder.mkdir(parents=True, exist_ok=True)
     for number, (view, one) in enumerate(zip(views, told, strict=True)):
         draw_view(folder / one["picture"], mdf, number, view.merged, one)
-    found = Mdf(mdf.displacement_m, mdf.variance_m2, mdf.view_directions, mdf.side_m, provenance(session, inputs))
-    found.save(folder, {"views": told})
+    replace(mdf, provenance=provenance(session, inputs)).save(folder, {"views": told})
     return folder
 
 

@@ -71,6 +71,18 @@ def test_view_directions_turn_against_the_table(result):
         np.testing.assert_allclose(direction, expected, atol=1e-9)
 
 
+def test_texels_under_the_reference_plane_see_along_other_rays(result, sweeps):
+    """A ray through a texel of the deeper plane crosses the reference plane between texels, and meets the same bump."""
+    deep, _ = mdf_from_sweeps(sweeps[:3], HOLDER, TEXELS, plane_m=1e-3)
+    level = result[0]
+    direction, inner = level.view_directions[0], (slice(4, -4), slice(4, -4))
+    texels = direction[0] / direction[2] * 1e-3 / (HOLDER.texels_m / TEXELS)  # less than one, and no slope is steep
+    shifted = level.displacement_m[0] + texels * np.gradient(level.displacement_m[0], axis=1)
+    assert np.nanmedian(np.abs(deep.displacement_m[0] - shifted)[inner]) < 20e-6
+    assert (deep.plane_m, level.plane_m) == (1e-3, 0.0)
+    np.testing.assert_allclose(deep.depth_m()[0], deep.displacement_m[0] * direction[2], rtol=0.02)
+
+
 def test_variances_weigh_better_than_volumes(sweeps, result):
     """On the same sweeps inverse variances predict the smaller error at almost every pixel, and have it."""
     papers, views = mdf_from_sweeps(sweeps[:3], HOLDER, TEXELS, Weighting.TETRAHEDRON)

@@ -55,10 +55,11 @@ def test_a_plan_from_before_there_were_several_lamps_keeps_its_hash():
     assert plan_data(parse_plan(several)) == several
 
 
-def test_a_plan_from_before_there_was_a_depth_keeps_its_hash():
-    assert "depth_mm" not in plan_data(parse_plan(PLANS["btf"]))
-    assert plan_data(parse_plan(changed("btf", depth_mm=0.0))) == plan_data(parse_plan(PLANS["btf"]))
-    deep = parse_plan(changed("btf", depth_mm=1.2))
+@pytest.mark.parametrize("kind", ["btf", "mdf"])
+def test_a_plan_from_before_there_was_a_depth_keeps_its_hash(kind):
+    assert "depth_mm" not in plan_data(parse_plan(PLANS[kind]))
+    assert plan_data(parse_plan(changed(kind, depth_mm=0.0))) == plan_data(parse_plan(PLANS[kind]))
+    deep = parse_plan(changed(kind, depth_mm=1.2))
     assert parse_plan(plan_data(deep)) == deep
 
 

@@ -17,17 +17,19 @@ def _array(answer, key: str = "path") -> np.ndarray:
     return np.load(answer[key])
 
 
+@pytest.mark.parametrize("plane_m", [0.0, 0.001])
 @pytest.mark.parametrize(("camera", "turntable_rad"), [("cam7", 0.0), ("cam3", 0.7), ("cam1", -1.9)])
-def test_displacement_leads_from_the_plane_to_the_surface(optics, studio, pose, camera, turntable_rad):
-    """Start at the texel on z = 0, go that far along the view ray: there is the surface, and nothing before it."""
+def test_displacement_leads_from_the_plane_to_the_surface(optics, studio, pose, camera, turntable_rad, plane_m):
+    """Start on z = 0 where the texel's ray crosses it, go that far along: there is the surface, and nothing before."""
     here = pose(sample="brick", turntable_rad=turntable_rad)
-    depth = _array(optics.truth("displacement", here, camera=camera, texels=TEXELS))
+    depth = _array(optics.truth("displacement", here, camera=camera, texels=TEXELS, depth_m=plane_m))
     assert np.all(depth > 0)
     grid = (np.arange(TEXELS) + 0.5) / TEXELS * SIDE_M - SIDE_M / 2
     x, y = np.meshgrid(grid, -grid)
-    start = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    texel = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -plane_m)])
     eye = studio.to_scene(here, optics.layout.cameras[camera].rig_from_camera[:3, 3])
-    way = (start - eye) / np.linalg.norm(start - eye, axis=1, keepdims=True)
+    way = (texel - eye) / np.linalg.norm(texel - eye, axis=1, keepdims=True)
+    start = texel - texel[:, 2:] / way[:, 2:] * way
     brick = studio.scene("brick")
 
     def above(share: float) -> np.ndarray:

@@ -49,6 +49,7 @@ class Scene:
     """Bodies, camera and at least one light.
 
     `ambient` (3,) is irradiance that reaches every point as if from straight above its surface; zero unless wanted.
+    With `shadows` bodies keep light from each other and from themselves.
     Raises SceneError for no body and for no light.
     """
 
@@ -56,6 +57,7 @@ class Scene:
     camera: Camera
     lights: tuple[Light, ...]
     ambient: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shadows: bool = False
 
     def __post_init__(self) -> None:
         if not self.bodies:

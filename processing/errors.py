@@ -3,6 +3,7 @@
     ProcessingError
     ├── ImageError               an image, or a set of them, cannot be used: unreadable, truncated, mixed, wrong shape
     ├── CalibrationError         too few boards, a degenerate set of views, no solution
+    ├── GeometryError            triangles that cannot be used: none with an area, a vertex that is not a number
     └── ConvergenceError         an estimator stopped before it reached its optimum (raised by `check()` only)
 
 Estimates over many pixels or texels never raise because of one of them: they carry a status.
@@ -20,6 +21,10 @@ class ImageError(ProcessingError):
 
 class CalibrationError(ProcessingError):
     """The views do not determine the camera."""
+
+
+class GeometryError(ProcessingError):
+    """Triangles cannot be used."""
 
 
 class ConvergenceError(ProcessingError):

@@ -1,11 +1,10 @@
 """A BTF analysed into lobes, shadows, shifts and hidden clusters: SBRDF, STVS and SBRDF+ (Chen et al. 2008)."""
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from processing.errors import ImageError
 from processing.products import DirectionMesh, SbrdfPlus
 from processing.products.arrays import Float32, Float64
 from processing.products.lafortune import LafortuneTexels
+from processing.progress import Progress, Silence
 from processing.sbrdf.clusters import centre_count, cluster_hidden
 from processing.sbrdf.flow_votes import Occlusion, vote_flow
 from processing.sbrdf.lafortune import LafortuneFit, fit_lafortune, lafortune_values
@@ -26,28 +26,11 @@ from processing.sbrdf.shadows import Darkness, darkness, fit_lit, shadow_map
 from processing.sbrdf.supported import Support, supported
 from processing.threads import in_parts
 
-Item = TypeVar("Item")
-
 _VALUES = 1 << 24  # of samples fitted at a time: 64 MiB, and some times that for what is made of them
 _PART = 16  # texels that a thread takes at a time: what is made of their samples stays in the cache
 _FEW = 192  # texels that tell what counts as shadow
 _STVS_ROUNDS = 2
 _REGISTERED_ROUNDS = 3  # of places and lobes in turns
-
-
-class Progress(Protocol):
-    """Counts items while they are worked on."""
-
-    def track(self, items: Iterable[Item], description: str) -> Iterator[Item]:
-        """Yield the items."""
-
-
-class Silence:
-    """Progress that nobody looks at."""
-
-    def track(self, items: Iterable[Item], description: str) -> Iterator[Item]:
-        """Yield the items."""
-        return iter(items)
 
 
 @dataclass(frozen=True, eq=False)

@@ -196,6 +196,11 @@ def statue(*, tiles: tuple[float, float] = (4.0, 8.0), shape: tuple[int, int] = 
     As many as a common scan of the Venus has. Normals and tangents are differences of the surface over 1e-5 of its
     length, right to about 1e-9.
     """
+    return grid_mesh(statue_surface(), shape, tiles)
+
+
+def statue_surface() -> Surface:
+    """The surface of `statue`."""
     outline, step = _smooth(_STATUE_OUTLINE), 1e-5
 
     def surface(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
@@ -204,7 +209,7 @@ def statue(*, tiles: tuple[float, float] = (4.0, 8.0), shape: tuple[int, int] = 
         down = _draped(outline, u, inside + step) - _draped(outline, u, inside - step)
         return _draped(outline, u, v), np.cross(down, across), across
 
-    return grid_mesh(surface, shape, tiles)
+    return surface
 
 
 def _disc(radius: float, height: float, facing: float, shape: tuple[int, int], tile: Rows) -> Mesh:

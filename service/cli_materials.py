@@ -59,6 +59,23 @@ def analyse(
 
 
 @materials.command()
+def join(
+    btf: Annotated[Path, typer.Argument(metavar="BTF", help="Folder of a processed btf session.")],
+    mdf: Annotated[Path, typer.Argument(metavar="MDF", help="Folder of a processed mdf session of the same sample.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the new material.")],
+) -> None:
+    """Join what a sample looks like and how deep it is to a material with silhouettes, parallax and shadows.
+
+    Both sessions have the same texels, depth_mm, cameras and angles of the turntable: docs/silhouettes-and-shadows.md
+    """
+    from service import joining
+
+    with reported_errors():
+        for line in joining.join_sessions(btf, mdf, out):
+            tell(line)
+
+
+@materials.command()
 def drape(
     product: Annotated[Path, typer.Argument(metavar="SRF", help="Folder of an SRF.")],
     mesh: Annotated[str, typer.Argument(help="A mesh file (OBJ, PLY, GLB), or sphere, torus, vase, statue.")],

@@ -5,6 +5,7 @@ from processing.products.btf import Btf, StoredBtf
 from processing.products.directions import DirectionMesh
 from processing.products.factored_btf import FactoredBtf
 from processing.products.lafortune import LafortuneTexels
+from processing.products.light_environment import Environment
 from processing.products.light_stack import LightStack, plane_points
 from processing.products.mdf import Mdf, unpack8
 from processing.products.mesostructure import Mesostructure
@@ -23,6 +24,7 @@ __all__ = [
     "BlinnPhong",
     "Btf",
     "DirectionMesh",
+    "Environment",
     "FactoredBtf",
     "LafortuneTexels",
     "LightStack",

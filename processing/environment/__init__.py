@@ -1,0 +1,1 @@
+"""The light of a place: fish-eye photographs or panoramas to a cubemap of radiance."""

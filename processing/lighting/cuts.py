@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.products.arrays import Float32
+from processing.products.arrays import Float32, Float64
 
 UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
@@ -43,7 +43,7 @@ class Cuts:
 
 
 @numba.njit(cache=True, nogil=True)
-def add_cut(leaves: Float32, weights: Float32, tolerance: float, heights: UInt8, values: Float32) -> int:
+def add_cut(leaves: Float32, weights: Float64, tolerance: float, heights: UInt8, values: Float32) -> int:
     """Write the cut of highest nodes whose clustering error is within the tolerance, and return their number.
 
     The error of a node is the root of the weighted sum of squares by which its leaves (2^h,) differ from their weighted
@@ -69,7 +69,7 @@ def add_cut(leaves: Float32, weights: Float32, tolerance: float, heights: UInt8,
     limit = tolerance * tolerance
     nodes, leaf = 0, 0
     while leaf < count:
-        height = top if leaf == 0 else min(top, _trailing_zeros(leaf))
+        height = top if leaf == 0 else min(top, trailing_zeros(leaf))
         node = (1 << (top - height)) + (leaf >> height)
         while height > 0 and not squares[node] <= limit:
             node *= 2
@@ -81,7 +81,8 @@ def add_cut(leaves: Float32, weights: Float32, tolerance: float, heights: UInt8,
 
 
 @numba.njit(cache=True, nogil=True)
-def _trailing_zeros(number: int) -> int:
+def trailing_zeros(number: int) -> int:
+    """Zeros at the end of a whole number that is not 0."""
     zeros = 0
     while number & 1 == 0:
         number >>= 1

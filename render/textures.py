@@ -1,6 +1,6 @@
-"""Float textures whose nearest texel is read: the shaders filter by hand, since hardware filters with 8-bit weights."""
+"""Textures whose nearest texel is read: the shaders filter by hand, since hardware filters with 8-bit weights."""
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import moderngl
 import numpy as np
@@ -10,17 +10,17 @@ from render.arrays import Rows
 from render.errors import MaterialError
 
 _MOST_REGIONS = 1 << 10
+# As moderngl calls them.
+_NAMES = {np.dtype(kind): name for kind, name in (("f4", "f4"), ("f2", "f2"), ("u4", "u4"), ("u1", "f1"))}
 Sampled = TypeVar("Sampled", moderngl.Texture, moderngl.TextureArray)
 
 
 def texture_array(context: moderngl.Context, layers: Rows, what: str, *, wrap: bool = True) -> moderngl.TextureArray:
-    """Layers (layer, y, x, 3 or 4) as float32, or uint32 if they are, which repeat or end.
+    """Layers (layer, y, x, 1 to 4), which repeat or end, as float32; as uint32, float16 or bytes if they are.
 
-    Raises MaterialError where there is no room.
+    A byte is read as its 255th. Raises MaterialError where there is no room.
     """
     count, height, width, channels = layers.shape
-    if channels not in (3, 4):
-        raise MaterialError(f"{what}: {channels} channels, the preview draws 3")
     for limit, value, unit in (
         ("GL_MAX_ARRAY_TEXTURE_LAYERS", count, "layers"),
         ("GL_MAX_TEXTURE_SIZE", max(height, width), "texels a side"),
@@ -28,10 +28,12 @@ def texture_array(context: moderngl.Context, layers: Rows, what: str, *, wrap: b
         if value > context.info[limit]:
             raise MaterialError(f"{what}: {value} {unit}, the graphics library takes {context.info[limit]}")
     # Four components lie on whole words: a fetch of three was measured to cost a quarter more.
-    data = np.zeros((count, height, width, 4), dtype=_dtype(layers))
+    components = 4 if channels == 3 else channels
+    data = np.zeros((count, height, width, components), dtype=_dtype(layers))
     data[..., :channels] = layers
     size = (width, height, count)
-    return _nearest(context.texture_array(size, 4, data.tobytes(), dtype=_name(data), alignment=1), wrap=wrap)
+    texture = context.texture_array(size, components, data.tobytes(), dtype=_name(data), alignment=1)
+    return _nearest(texture, wrap=wrap)
 
 
 def table(context: moderngl.Context, values: Rows) -> moderngl.Texture:
@@ -79,9 +81,9 @@ def _nearest(texture: Sampled, *, wrap: bool) -> Sampled:
     return texture
 
 
-def _dtype(values: Rows) -> type[np.uint32] | type[np.float32]:
-    return np.uint32 if values.dtype == np.uint32 else np.float32
+def _dtype(values: Rows) -> np.dtype[Any]:
+    return values.dtype if values.dtype in _NAMES else np.dtype(np.float32)
 
 
 def _name(values: Rows) -> str:
-    return "u4" if values.dtype == np.uint32 else "f4"
+    return _NAMES[values.dtype]

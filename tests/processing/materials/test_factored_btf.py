@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from processing.products import DirectionMesh, FactoredBtf
+from processing.products.map_coding import encode
 from tests.benchmarks.yardsticks.material_samples import rings
 
 RIG = rings(((15, 12), (30, 12), (45, 12), (60, 12), (75, 12)))  # 12 x 5, without the top
@@ -44,3 +47,71 @@ def test_a_matt_surface_sends_back_its_reflectance_of_ambient_light():
     material = FactoredBtf(maps, np.ones((1, len(RIG)), np.float32), mesh, mesh)
     found = material.ambient(np.array([[0.1, 0.9]]), np.array([[0.0, 0.6, 0.8]]))
     assert found == pytest.approx(np.full((1, 3), 0.2), rel=1e-6)
+
+
+def in_colours(rng, rank=3) -> FactoredBtf:
+    """Grey maps, and weights that carry the colour."""
+    made = btf(rng, rank, channels=1)
+    return FactoredBtf(made.eigenmaps, rng.normal(size=(rank, len(RIG), 3)).astype(np.float32), made.lights, made.views)
+
+
+def test_grey_maps_with_coloured_weights_are_the_same_as_coloured_maps_where_colours_do_not_change(rng):
+    grey = in_colours(rng)
+    tint = np.array([0.5, 1.0, 0.25], np.float32)
+    one = FactoredBtf(grey.eigenmaps, grey.weights[:, :, :1] * tint, grey.lights, grey.views)
+    other = FactoredBtf(grey.eigenmaps * tint, grey.weights[:, :, 0], grey.lights, grey.views)
+    at = rng.uniform(-1, 2, (20, 2)), RIG[:20], RIG[40:]
+    np.testing.assert_allclose(one.evaluate(*at), other.evaluate(*at), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(one.ambient(*at[::2]), other.ambient(*at[::2]), rtol=1e-5, atol=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-30, 1e-6, 1.0, 1e6, 1e30]), st.booleans())
+def test_codes_lie_within_half_a_step_of_their_values_at_any_scale(seed, scale, flat):
+    rng = np.random.default_rng(seed)
+    maps = (rng.normal(size=(2, 3, 4, 5, 3)) * (0 if flat else scale) + scale * rng.normal()).astype(np.float32)
+    span = np.ptp(maps, axis=(2, 3, 4)).astype(np.float64)
+    largest = np.abs(maps).max(axis=(2, 3, 4))
+    for kind, bound in ((np.uint8, 0.5 / 255 * span + 2e-7 * largest), (np.float16, 2**-11 * largest)):
+        codes, coding = encode(maps, kind)
+        back = np.stack([coding.decode(codes[k], k, slice(None)) for k in range(2)])
+        assert codes.dtype == kind
+        assert (np.abs(back.astype(np.float64) - maps).max(axis=(2, 3, 4)) <= 1.001 * bound).all()
+
+
+def test_black_maps_stay_black():
+    codes, coding = encode(np.zeros((1, 2, 3, 3, 1), np.float32), np.uint8)
+    assert (coding.decode(codes[0], 0, slice(None)) == 0).all()
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.float16])
+@pytest.mark.parametrize("make", [btf, in_colours])
+def test_codes_are_saved_and_loaded_and_evaluated_as_their_values(tmp_path, rng, kind, make):
+    made = make(rng).coded(kind)
+    made.save(tmp_path)
+    back = FactoredBtf.load(tmp_path)
+    plain = FactoredBtf(np.stack([made.values(k) for k in range(3)]), made.weights, made.lights, made.views)
+    at = rng.uniform(-1, 2, (20, 2)), RIG[:20], RIG[40:]
+    assert back.eigenmaps.dtype == kind
+    assert back.nbytes == made.nbytes < plain.nbytes
+    np.testing.assert_array_equal(back.evaluate(*at), made.evaluate(*at))
+    np.testing.assert_allclose(back.evaluate(*at), plain.evaluate(*at), rtol=1e-6)
+    np.testing.assert_allclose(back.ambient(*at[::2]), plain.ambient(*at[::2]), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("index", [2, 3, 4])
+def test_azimuth_has_no_seam_at_its_full_turn(rng, index):
+    """On 12 x 5 directions, between the last azimuth (330 deg) and the first, as anywhere else."""
+    material = in_colours(rng)
+    ring = RIG[12 * index : 12 * (index + 1)]
+    turns = np.radians([-1e-6, 1e-6, -15.0, 345.0])
+    level = np.hypot(*ring[0, :2])
+    around = np.column_stack([level * np.cos(turns), level * np.sin(turns), np.full(4, ring[0, 2])])
+    uv, top = np.full((4, 2), 0.4), np.tile(RIG[30], (4, 1))
+    for at in ((uv, around, top), (uv, top, around)):
+        values = material.evaluate(*at)
+        # A millionth of a degree changes a value by no more of its range of some ten.
+        np.testing.assert_allclose(values[0], values[1], atol=1e-5)
+        np.testing.assert_allclose(values[2], values[3], atol=1e-9)
+    middle = material.lights.weights(around[2:3])[0][0]
+    assert {0, 11} <= {int(n) % 12 for n in middle}

@@ -12,7 +12,8 @@ from simulators.far_field import first_hits, lit, one_period, reflected
 from simulators.layout import direction
 from simulators.samples.bodies import terrain
 from tests.benchmarks.yardsticks.bands import BAND_PX, flip_map, mask_iou, shadow_band, silhouette_band
-from tests.benchmarks.yardsticks.displaced import NOTHING, Covered, Displaced, TruePicture
+from tests.benchmarks.yardsticks.covered import Covered
+from tests.benchmarks.yardsticks.displaced import NOTHING, Displaced, TruePicture
 from tests.benchmarks.yardsticks.sample_periods import Period, period
 
 SEED, ALBEDO = 3, 0.5

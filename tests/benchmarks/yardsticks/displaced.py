@@ -1,8 +1,6 @@
 """Truth of bodies covered with a sample: its own surface bent around them, as triangles, traced by Embree.
 
-The reference plane of the sample becomes the body's surface, the sample lies inside. A point of it at depth h tiles
-under (u, v) is P(u, v) - s(u, v) h n(u, v), with n the normal and s the root of a tile's area in the world. Light is
-distant, meets the surface once, and is shadowed by all bodies.
+How it is bent is told in `covered`. Light is distant, meets the surface once, and is shadowed by all bodies.
 """
 
 from collections.abc import Sequence
@@ -17,59 +15,19 @@ from numpy.typing import NDArray
 
 from render.arrays import unit
 from render.camera import Camera
-from render.mesh import Surface
 from render.picture import Picture
 from render.scene import Light
 from simulators.light import radiance
 from simulators.scene import Hits, Material
-from tests.benchmarks.yardsticks.sample_periods import Period
+from tests.benchmarks.yardsticks.covered import Covered
 
 Array = NDArray[Any]
 
-_STEP = 1e-4  # of the surface's parameters, for differences; errors go with its square
 _FAR = 1e6  # of lights, in lengths of the world
 _STEEP = 0.15  # cosine to the macro surface over which a point counts as turned to the light
-_ROWS = 1 << 21  # rays at once
+_CLEAR = 1e-3  # tiles above the reference plane, where ways to the light start that no relief of the place is on
+_RAYS = 1 << 21  # at once
 NOTHING = -1
-
-
-@dataclass(frozen=True, eq=False)
-class Covered:
-    """A body: a surface over u and v in [0, 1], how often the sample repeats along both, and the sample."""
-
-    surface: Surface
-    tiles: tuple[int, int]
-    sample: Period
-
-    def points(self, local: Array, tile: Array) -> Array:
-        """World points (n, 3) of the sample's points (n, 3) in tiles (n or 1, 2), counted along u and v."""
-        u, v = self._parameters(local, tile)
-        positions, normals, scale = self.reference(u, v)
-        return np.asarray(positions + (scale * local[:, 2:]) * normals)
-
-    def reference(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Points (n, 3) and unit normals (n, 3) of the reference plane, and the length of a tile (n, 1)."""
-        positions, normals, _ = self.surface(u, v)
-        along_u = (self.surface(u + _STEP, v)[0] - self.surface(u - _STEP, v)[0]) / (2 * _STEP * self.tiles[0])
-        along_v = (self.surface(u, v + _STEP)[0] - self.surface(u, v - _STEP)[0]) / (2 * _STEP * self.tiles[1])
-        area = np.linalg.norm(np.cross(along_u, along_v), axis=1)
-        return positions, unit(normals), np.sqrt(area)[:, None]
-
-    def normals(self, local: Array, tile: Array, normal: Array, upward: Array) -> Array:
-        """World normals (n, 3) of the bent surface: the sample's (n, 3), where its z is world vectors (n, 3)."""
-        x, y = (
-            (self.points(local + way, tile) - self.points(local - way, tile)) / (2 * _STEP)
-            for way in _STEP * np.eye(3)[:2]
-        )
-        z = upward
-        bent = (
-            normal[:, :1] * np.cross(y, z) + normal[:, 1:2] * np.cross(z, x) + normal[:, 2:] * np.cross(x, y)
-        )  # fmt: skip
-        return unit(bent)
-
-    def _parameters(self, local: Array, tile: Array) -> tuple[Array, Array]:
-        """x runs along u, y against v."""
-        return (local[:, 0] + 0.5 + tile[..., 0]) / self.tiles[0], (0.5 - local[:, 1] + tile[..., 1]) / self.tiles[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +45,19 @@ class TruePicture:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Hits of rays (n,): body (n,), world points, normals of surface and body, length of a tile, depth, material."""
+    """Hits of rays (n,) on bodies (n,): world `points` and unit `normals` (n, 3), `depth` (n,) in tiles, material.
+
+    `upward` (n, 3) is the body's own normal, as long as a tile; shadow rays start `offset` (n,) off the surface.
+    """
 
     ray: Array
     body: Array
     points: Array
     normals: Array
-    macro: Array
-    scale: Array
+    upward: Array
     depth: Array
-    material: Material
     offset: Array
+    material: Material
 
 
 class Displaced:
@@ -126,7 +86,7 @@ class Displaced:
             np.full((height, width), NOTHING),
             np.full((height, width), np.nan),
         )
-        rows = max(supersampling, _ROWS // width // supersampling * supersampling)
+        rows = max(supersampling, _RAYS // width // supersampling * supersampling)
         for first in range(0, height, rows):
             part = slice(first, min(first + rows, height))
             self._draw(fine, lights, part, tuple(layer[part] for layer in layers))
@@ -170,14 +130,17 @@ class Displaced:
         body = self.bodies[number]
         tile, face, share = (values[own] for values in where)
         local, normal, material = body.sample.at(face, share)
-        u, v = body._parameters(local, tile)
-        positions, macro, scale = body.reference(u, v)
-        points = positions + scale * local[:, 2:] * macro
-        bent = body.normals(local, tile, normal, scale * macro)
+        upward = body.upward(local, tile)
         return _Seen(
-            ray[own], np.full(len(local), number), points, bent, macro, scale[:, 0], -local[:, 2], material,
-            body.sample.offset * scale[:, 0],
-        )  # fmt: skip
+            ray[own],
+            np.full(len(local), number),
+            body.points(local, tile),
+            body.normals(local, tile, normal),
+            upward,
+            -local[:, 2],
+            body.sample.offset * np.linalg.norm(upward, axis=1),
+            material,
+        )
 
     def _reached(self, seen: _Seen, light: Light) -> Array:
         """Which hits face the light and are reached by it."""
@@ -188,10 +151,11 @@ class Displaced:
 
     def _shadowed(self, seen: _Seen, light: Light) -> Array:
         """1 where the light is kept away before it reaches the reference plane, 0 where not, NaN on the dark side."""
-        cosine = seen.macro @ light.direction
+        tile = np.linalg.norm(seen.upward, axis=1)
+        cosine = seen.upward @ light.direction / np.maximum(tile, 1e-12)
         shadow = np.full(len(cosine), np.nan)
         turned = cosine > _STEEP
-        way = seen.scale[turned] * (seen.depth[turned] / cosine[turned] + 1e-3)
+        way = tile[turned] * (seen.depth[turned] / cosine[turned] + _CLEAR)
         shadow[turned] = self._blocked(seen.points[turned] + way[:, None] * light.direction, light)
         return shadow
 
@@ -213,13 +177,10 @@ def _joined(parts: Sequence[_Seen]) -> _Seen:
     def of(name: str) -> Array:
         return np.concatenate([getattr(part, name) for part in parts])
 
+    surface = ("albedo", "specular", "roughness")
     materials = [part.material for part in parts]
-    material = Material(
-        *(np.concatenate([getattr(m, name) for m in materials]) for name in ("albedo", "specular", "roughness"))
-    )
-    return _Seen(
-        *(of(name) for name in ("ray", "body", "points", "normals", "macro", "scale", "depth")), material, of("offset")
-    )
+    material = Material(*(np.concatenate([getattr(some, name) for some in materials]) for name in surface))
+    return _Seen(*map(of, ("ray", "body", "points", "normals", "upward", "depth", "offset")), material)
 
 
 def _blocks(values: Array, factor: int) -> Array:

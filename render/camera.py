@@ -31,6 +31,18 @@ class Camera:
         rotation = self.camera_from_world[:3, :3]
         return np.asarray(-rotation.T @ self.camera_from_world[:3, 3])
 
+    def projected(self, points: Rows) -> Float64:
+        """World points (n, 3) as homogeneous image points: column times depth, row times depth, depth."""
+        return np.asarray(self.in_camera(points) @ self.matrix.T)
+
+    def distance(self, points: Rows) -> Float64:
+        """From the eye to world points (n, 3)."""
+        return np.asarray(np.linalg.norm(points - self.eye, axis=1))
+
+    def toward(self, points: Rows) -> Float64:
+        """Unit vectors (n, 3) from world points to the eye."""
+        return unit(self.eye - points)
+
     def scaled(self, factor: int) -> "Camera":
         """The same view with `factor` times as many pixels along each side."""
         matrix = self.matrix.copy()

@@ -1,5 +1,7 @@
 """Whether a mesh encloses a volume: only then does each ray that enters it leave it again."""
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -12,6 +14,7 @@ from render.mesh import Mesh
 _SAME_PLACE = 1e-6
 
 
+@lru_cache(maxsize=8)
 def is_closed(mesh: Mesh) -> bool:
     """Whether every edge is run through as often in one direction as in the other.
 

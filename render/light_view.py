@@ -30,9 +30,26 @@ class LightView:
         """Side of a pixel in world units."""
         return float(1.0 / np.linalg.norm(self.image_from_world[0, :3]))
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.side_px, self.side_px
+
     def in_image(self, points: Rows) -> Float64:
         """Image points and distances (n, 3) of world points (n, 3)."""
         return np.asarray(points @ self.image_from_world[:, :3].T + self.image_from_world[:, 3])
+
+    def projected(self, points: Rows) -> Float64:
+        """World points (n, 3) as homogeneous image points, with 1 for the depth: parallel rays need no division."""
+        return np.column_stack([self.in_image(points)[:, :2], np.ones(len(points))])
+
+    def distance(self, points: Rows) -> Float64:
+        """How far along the rays world points (n, 3) lie, in world units."""
+        return self.in_image(points)[:, 2]
+
+    def toward(self, points: Rows) -> Float64:
+        """Unit vectors (n, 3) from world points to the light."""
+        return np.broadcast_to(-self.image_from_world[2, :3], points.shape)
 
 
 def light_view(direction: Rows, positions: Sequence[Rows], side_px: int = SIDE_PX) -> LightView:

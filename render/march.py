@@ -23,6 +23,8 @@ from processing.products import Mesostructure
 from render.arrays import Bool, Float64
 
 STEPS = 3
+# Of the depth of the lowest point: where the length of a tile changes along a ray, that point lies a little deeper.
+_UNDER = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +90,7 @@ def march(structure: Mesostructure, entry: Entry, steps: int = STEPS) -> Meeting
     """
     arc = _arc(entry)
     scale = tile_scale(entry)
-    with np.errstate(divide="ignore"):
-        deepest = np.where(arc.curvature > 0.0, arc.cosine / np.maximum(arc.curvature, 0.0), np.inf)
+    deepest = _deepest(arc)
     distance = np.zeros(len(entry.uv))
     for _ in range(steps):
         place = _place(arc, distance)
@@ -97,6 +98,13 @@ def march(structure: Mesostructure, entry: Entry, steps: int = STEPS) -> Meeting
         depth = scale * structure.depth(uv, view)
         found, distance = _distance(arc, depth, deepest)
     return Meeting(found, distance, deepest, uv, view, _turn(arc, place))
+
+
+def base(structure: Mesostructure, entry: Entry) -> Float64:
+    """Distances (n,) at which rays are under every point of the sample; infinite where they do not come so deep."""
+    arc = _arc(entry)
+    found, distance = _distance(arc, tile_scale(entry) * (_UNDER * structure.deepest), _deepest(arc))
+    return np.where(found, distance, np.inf)
 
 
 def meets(front: Meeting, back: Meeting, length: Float64) -> Bool:
@@ -122,6 +130,11 @@ def _arc(entry: Entry) -> _Arc:
     x, y = heading.T
     tt, tb, bb = entry.bending.T
     return _Arc(cosine, np.sqrt(1.0 - cosine**2), tt * x * x + 2.0 * tb * x * y + bb * y * y, heading)
+
+
+def _deepest(arc: _Arc) -> Float64:
+    with np.errstate(divide="ignore"):
+        return np.where(arc.curvature > 0.0, arc.cosine / np.maximum(arc.curvature, 0.0), np.inf)
 
 
 def _place(arc: _Arc, distance: Float64) -> _Place:

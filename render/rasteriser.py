@@ -1,4 +1,4 @@
-"""A z-buffer rasteriser in NumPy: which triangle each pixel sees, and where in it."""
+"""A rasteriser in NumPy: which triangles lie under each pixel, which of them it sees, and where in them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,10 +15,7 @@ _CANDIDATES = 2_000_000
 
 @dataclass(frozen=True)
 class Fragments:
-    """The visible surface: flat `pixel` index, `triangle`, `barycentric` (n, 3) in space, `depth` along the camera's z.
-
-    Pixels ascend and occur once.
-    """
+    """Points of a mesh: flat `pixel` index, `triangle`, `barycentric` (n, 3) in space, `depth` along the camera's z."""
 
     pixel: Int32
     triangle: Int32
@@ -36,7 +33,7 @@ class Fragments:
 
     def next_pixels(self, mesh: Mesh, camera: Camera) -> tuple["Fragments", "Fragments"]:
         """Where the planes of the same triangles are seen one pixel to the right, and one below."""
-        corners = (camera.in_camera(mesh.positions) @ camera.matrix.T)[mesh.triangles[self.triangle]]
+        corners = camera.projected(mesh.positions)[mesh.triangles[self.triangle]]
         edges = np.linalg.inv(np.swapaxes(corners, 1, 2))
         right, below = (self._at(self.barycentric / self.depth[:, None] + edges[:, :, k]) for k in range(2))
         return right, below
@@ -47,24 +44,35 @@ class Fragments:
 
 
 def rasterise(mesh: Mesh, camera: Camera) -> Fragments:
-    """The nearest front face under each pixel centre.
+    """The nearest front face under each pixel centre; pixels ascend and occur once."""
+    found = all_fragments(mesh, camera.projected(mesh.positions), camera.size)
+    return found.chosen(first_of_each(found.pixel, found.depth))
 
-    With M = K [X0 X1 X2] for the corners X in the camera frame, M^-1 (u, v, 1) are the barycentric coordinates over
-    the depth: no division before the test, so a triangle that reaches behind the camera needs no clipping.
+
+def all_fragments(mesh: Mesh, image: Rows, size: tuple[int, int], *, front: bool = True) -> Fragments:
+    """Every front face under each pixel centre, or every back face, in no order.
+
+    `image` (vertices, 3) are homogeneous image points whose third component is the depth: with M = [X0 X1 X2] for the
+    corners, M^-1 (u, v, 1) are the barycentric coordinates over the depth. There is no division before the test, so a
+    triangle that reaches behind the camera needs no clipping.
     Source: Olano and Greer, Triangle Scan Conversion using 2D Homogeneous Coordinates, 1997, 3.
     """
-    corners = camera.in_camera(mesh.positions) @ camera.matrix.T
-    columns = np.swapaxes(corners[mesh.triangles], 1, 2)
-    # Image rows run downward, so a front face has a positive determinant in (right, down, forward).
-    determinant = np.linalg.det(columns)
+    columns = np.swapaxes(image[mesh.triangles], 1, 2)
+    # Image rows run downward, so a front face has a negative determinant in (right, down, forward).
+    determinant = np.linalg.det(columns) * (1.0 if front else -1.0)
     scale = np.abs(columns).max(axis=(1, 2)) ** 3
     facing = np.flatnonzero(determinant < -1e-15 * scale)
     edges = np.linalg.inv(columns[facing])
     found = [
-        _covered(edges[part], low, shape, facing[part], camera.size)
-        for part, low, shape in _boxes(columns[facing], camera.size)
+        _covered(edges[part], low, shape, facing[part], size) for part, low, shape in _boxes(columns[facing], size)
     ]
-    return _nearest(found)
+    return _joined(found)
+
+
+def first_of_each(pixel: Int32, distance: Rows) -> Int32:
+    """Numbers of the rows that are nearest in their pixel, pixels ascending."""
+    order = np.lexsort((distance, pixel))
+    return np.asarray(order[np.flatnonzero(np.diff(pixel[order], prepend=-1))])
 
 
 def _boxes(columns: Rows, size: tuple[int, int]) -> Iterator[tuple[Int32, Int32, tuple[int, int]]]:
@@ -111,12 +119,9 @@ def _covered(edges: Rows, low: Int32, shape: tuple[int, int], numbers: Rows, siz
     )
 
 
-def _nearest(found: list[Fragments]) -> Fragments:
-    """Of all fragments the nearest one per pixel."""
+def _joined(found: list[Fragments]) -> Fragments:
     pixel = np.concatenate([f.pixel for f in found] or [np.zeros(0, np.int32)])
-    depth = np.concatenate([f.depth for f in found] or [np.zeros(0)])
-    order = np.lexsort((depth, pixel))
-    first = order[np.flatnonzero(np.diff(pixel[order], prepend=-1))]
     triangle = np.concatenate([f.triangle for f in found] or [np.zeros(0, np.int32)])
     barycentric = np.concatenate([f.barycentric for f in found] or [np.zeros((0, 3))])
-    return Fragments(pixel[first], triangle[first], barycentric[first], depth[first])
+    depth = np.concatenate([f.depth for f in found] or [np.zeros(0)])
+    return Fragments(pixel, triangle, barycentric, depth)

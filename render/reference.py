@@ -1,17 +1,20 @@
 """The picture in NumPy: slow, plain, and what the shaders are held equal to. Draws where there is no OpenGL."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from render.arrays import Float64, Rows, unit
+from processing.products import Mesostructure
+from render.arrays import Float64, unit
 from render.camera import Camera
-from render.frames import gradient_frames, vertex_frames
+from render.light_view import SIDE_PX
 from render.materials import has_levels, outgoing
 from render.mesh import Mesh
 from render.picture import Picture
-from render.rasteriser import Fragments, rasterise
-from render.scene import Body, Scene
+from render.rasteriser import Fragments
+from render.scene import Body, Light, Scene
+from render.shadow_map import ShadowMap, shadow_map
+from render.sights import Sight, plain_sight, relief_sight, rotated, textured
 
 NAME = "NumPy reference"
 
@@ -20,74 +23,88 @@ _CHUNK = 32_768
 
 
 class ReferenceRenderer:
-    """Draws scenes without any graphics library."""
+    """Draws scenes without any graphics library; shadow maps have `shadow_px` pixels along each side."""
 
     name = NAME
     affordable_supersampling = 1
+
+    def __init__(self, shadow_px: int = SIDE_PX) -> None:
+        self.shadow_px = shadow_px
 
     def draw(self, scene: Scene) -> Picture:
         """The scene as its camera sees it; pixels that show nothing are 0 in radiance and coverage."""
         width, height = scene.camera.size
         radiance = np.zeros((height * width, 3), dtype=np.float32)
         coverage = np.zeros(height * width, dtype=np.float32)
-        for body, fragments in visible(scene):
-            radiance[fragments.pixel] = shade(scene, body, fragments)
-            coverage[fragments.pixel] = 1.0
+        maps = self._shadow_maps(scene)
+        for body, sight, footprint in visible(scene):
+            lit = [np.ones(len(sight.pixel)) if each is None else each.lit(sight.point) for each in maps]
+            radiance[sight.pixel] = shade(scene, body, sight, footprint, lit)
+            coverage[sight.pixel] = 1.0
         return Picture(radiance.reshape(height, width, 3), coverage.reshape(height, width))
 
     def release(self) -> None:
         """Nothing is held."""
 
+    def _shadow_maps(self, scene: Scene) -> list[ShadowMap | None]:
+        """One for each light; none where bodies throw no shadows."""
+        if not scene.shadows:
+            return [None] * len(scene.lights)
+        return [shadow_map(scene.bodies, light.direction, self.shadow_px) for light in scene.lights]
 
-def visible(scene: Scene) -> Iterator[tuple[Body, Fragments]]:
-    """Each body with the fragments of it that no other body hides."""
-    found = [rasterise(body.mesh, scene.camera) for body in scene.bodies]
+
+def visible(scene: Scene) -> Iterator[tuple[Body, Sight, Float64 | None]]:
+    """Each body with what it shows and no other body hides, and the footprints of its pixels if its material asks."""
+    found = [_seen(body, scene.camera) for body in scene.bodies]
     nearest = np.full(scene.camera.size[0] * scene.camera.size[1], np.inf)
-    for fragments in found:
-        np.minimum.at(nearest, fragments.pixel, fragments.depth)
-    for body, fragments in zip(scene.bodies, found, strict=True):
-        yield body, fragments.chosen(fragments.depth <= nearest[fragments.pixel])
+    for sight, _ in found:
+        np.minimum.at(nearest, sight.pixel, sight.distance)
+    for body, (sight, footprint) in zip(scene.bodies, found, strict=True):
+        seen = np.flatnonzero(sight.distance <= nearest[sight.pixel])
+        yield body, sight.chosen(seen), None if footprint is None else footprint[seen]
 
 
-def shade(scene: Scene, body: Body, fragments: Fragments) -> Float64:
-    """Radiance (n, 3) of the body's fragments under all lights."""
-    uv, frames, view = surface(body.mesh, scene.camera, fragments)
-    footprint = footprints(body.mesh, scene.camera, fragments) if has_levels(body.material) else None
-    radiance = np.zeros((len(uv), 3))
-    for start in range(0, len(uv), _CHUNK):
+def shade(scene: Scene, body: Body, sight: Sight, footprint: Float64 | None, lit: Sequence[Float64]) -> Float64:
+    """Radiance (n, 3) of what the body shows under all lights, of each of which a share `lit` (n,) arrives."""
+    radiance = np.zeros((len(sight.pixel), 3))
+    for start in range(0, len(radiance), _CHUNK):
         part = slice(start, start + _CHUNK)
-        covered = None if footprint is None else footprint[part]
-        for light in scene.lights:
-            local = unit(frames[part] @ light.direction)
-            radiance[part] += light.irradiance * outgoing(body.material, uv[part], local, view[part], covered)
+        seen, covered = sight.chosen(part), None if footprint is None else footprint[part]
+        for light, share in zip(scene.lights, lit, strict=True):
+            radiance[part] += light.irradiance * share[part, None] * _under(light, body, seen, covered)
         if any(scene.ambient):
-            straight = np.broadcast_to([0.0, 0.0, 1.0], view[part].shape)
-            glow = outgoing(body.material, uv[part], straight, view[part], covered)
-            radiance[part] += np.array(scene.ambient) * glow
+            radiance[part] += np.array(scene.ambient) * _ambient(body, seen, covered)
     return radiance
-
-
-def surface(mesh: Mesh, camera: Camera, fragments: Fragments) -> tuple[Float64, Float64, Float64]:
-    """Texture coordinates (n, 2), rows t, b, n (n, 3, 3) in the world frame, and the view in that frame (n, 3)."""
-    uv, frames = _textured(mesh, fragments)
-    return uv, frames, unit(_rotated(frames, camera.eye - fragments.interpolate(mesh, mesh.positions)))
 
 
 def footprints(mesh: Mesh, camera: Camera, fragments: Fragments) -> Float64:
     """How texture coordinates change to the next pixel right and below on the same triangle, (n, 2, 2)."""
-    here, _ = _textured(mesh, fragments)
-    ways = [_textured(mesh, moved)[0] - here for moved in fragments.next_pixels(mesh, camera)]
+    here, _ = textured(mesh, fragments)
+    ways = [textured(mesh, moved)[0] - here for moved in fragments.next_pixels(mesh, camera)]
     return np.stack(ways, axis=1)
 
 
-def _textured(mesh: Mesh, fragments: Fragments) -> tuple[Float64, Float64]:
-    """Texture coordinates (n, 2) and rows t, b, n (n, 3, 3) in the world frame."""
-    normal = fragments.interpolate(mesh, mesh.normals)
-    if mesh.map_from_world is not None:
-        return gradient_frames(normal, mesh.map_from_world)
-    return fragments.interpolate(mesh, mesh.uv), vertex_frames(normal, fragments.interpolate(mesh, mesh.tangents))
+def _seen(body: Body, camera: Camera) -> tuple[Sight, Float64 | None]:
+    """What a body shows if nothing hides it."""
+    if isinstance(body.material, Mesostructure):
+        return relief_sight(body.mesh, body.material, camera), None
+    sight, fragments = plain_sight(body.mesh, camera)
+    return sight, footprints(body.mesh, camera, fragments) if has_levels(body.material) else None
 
 
-def _rotated(frames: Rows, vectors: Rows) -> Float64:
-    """World vectors (n, 3) along the frames' rows."""
-    return np.asarray(np.einsum("nij,nj->ni", frames, vectors))
+def _under(light: Light, body: Body, sight: Sight, footprint: Float64 | None) -> Float64:
+    """Radiance (n, 3) for unit irradiance: the cosine is that to the mesh, the direction is taken in tiles."""
+    local = unit(rotated(sight.frames, np.broadcast_to(light.direction, sight.point.shape)))
+    if isinstance(body.material, Mesostructure):
+        return body.material.btf.evaluate(sight.uv, unit(local / sight.tile), sight.view) * np.maximum(
+            local[:, 2:], 0.0
+        )
+    return outgoing(body.material, sight.uv, local, sight.view, footprint)
+
+
+def _ambient(body: Body, sight: Sight, footprint: Float64 | None) -> Float64:
+    """Radiance (n, 3) for unit irradiance from everywhere."""
+    if isinstance(body.material, Mesostructure):
+        return body.material.btf.ambient(sight.uv, sight.view)
+    straight = np.broadcast_to([0.0, 0.0, 1.0], sight.view.shape)
+    return outgoing(body.material, sight.uv, straight, sight.view, footprint)

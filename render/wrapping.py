@@ -1,6 +1,7 @@
 """How a mesh wraps a sample around itself: how long a tile becomes, and how the surface bends under it."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,6 +28,7 @@ class Wrapping:
     bending: Float64
 
 
+@lru_cache(maxsize=8)
 def wrapping(mesh: Mesh) -> Wrapping:
     """Stretch from the texture's derivatives and bending from the normals, both averaged around each vertex.
 

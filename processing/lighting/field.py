@@ -169,7 +169,7 @@ def cone_rays(
 @numba.njit(cache=True, nogil=True)
 def _changes(first: Int64, leaves: Int32, blocked: Bool, count: int) -> tuple[Int64, UInt16]:
     """How often the visibility of each point changes over its leaves, and where; leaves not traced are visible."""
-    counts, toggles, end = np.zeros(len(first) - 1, np.int64), np.empty(len(leaves) + len(first), np.uint16), 0
+    counts, toggles, end = np.zeros(len(first) - 1, np.int64), np.empty(2 * len(leaves), np.uint16), 0
     for i in range(len(counts)):
         begun, after, dark = end, 0, False
         for k in range(first[i], first[i + 1]):

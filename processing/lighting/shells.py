@@ -13,17 +13,20 @@ from processing.products.arrays import Float32, Float64, Int32
 
 Int64 = NDArray[np.int64]
 
+_EASED = 1.0  # of the body's radius
+
 
 @dataclass(frozen=True)
 class ShellPlan:
     """Spheres from `nearest` to `farthest` radii of a body, `resolution` of them with 6 resolution^2 points each.
 
-    "uniform" spheres are equally far from each other (Iwasaki et al.), "geometric" ones by equal factors, as the points
-    of one sphere are.
+    "uniform" spheres are equally far from each other (Iwasaki et al.). Gaps between "growing" ones grow as the distance
+    from the centre plus one radius: outside nearly as those between the points of a sphere, and inside, where a ray has
+    to be traced in every direction, not down to nothing.
     """
 
     resolution: int = 32
-    spacing: Literal["geometric", "uniform"] = "geometric"
+    spacing: Literal["growing", "uniform"] = "growing"
     nearest: float = 0.2
     farthest: float = 10.0
 
@@ -33,8 +36,10 @@ class ShellPlan:
 
     def around(self, centre: Float64, radius: float) -> "Shells":
         """The spheres of a body with this bounding sphere."""
-        spaced = np.geomspace if self.spacing == "geometric" else np.linspace
-        return Shells(centre, radius * spaced(self.nearest, self.farthest, self.resolution), self.resolution)
+        eased = _EASED if self.spacing == "growing" else 0.0
+        bounds = self.nearest + eased, self.farthest + eased
+        spaced = np.geomspace(*bounds, self.resolution) if eased else np.linspace(*bounds, self.resolution)
+        return Shells(centre, radius * (spaced - eased), self.resolution)
 
 
 @dataclass(frozen=True, eq=False)

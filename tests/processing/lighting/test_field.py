@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from processing.lighting.directions import sample_directions
-from processing.lighting.field import trace_field
+from processing.lighting.field import _changes, trace_field
 from processing.lighting.rays import Occluder
 from processing.lighting.shells import ShellPlan
 from processing.lighting.toggles import visible_leaves
@@ -33,7 +33,7 @@ def stool():
     return triangle_body(np.concatenate([v for v, _ in parts]), triangles)
 
 
-@pytest.fixture(scope="module", params=["geometric", "uniform"])
+@pytest.fixture(scope="module", params=["growing", "uniform"])
 def made(request, stool):
     return field_of(stool, spacing=request.param)
 
@@ -55,6 +55,16 @@ def test_changes_alternate_and_ascend(made):
     assert ascending.all()
 
 
+@pytest.mark.parametrize("blocked", [np.ones(5, bool), np.array([1, 0, 1, 0, 1], bool), np.zeros(5, bool)])
+def test_leaves_traced_alone_are_changes_forth_and_back(blocked):
+    leaves = np.array([0, 2, 4, 6, 15], np.int32)
+    counts, toggles = _changes(np.array([0, 5]), leaves, blocked, 16)
+    visible = np.ones(16, bool)
+    visible[leaves[blocked]] = False
+    assert np.array_equal(visible_leaves(toggles, 4), visible)
+    assert counts == [len(toggles)]
+
+
 def test_cuts_are_the_same_function(made):
     field, _ = made
     numbers = np.arange(0, len(field.shells), 37, dtype=np.int32)
@@ -72,12 +82,13 @@ def test_at_sample_points_the_interpolated_field_is_what_was_traced(made, stool)
 
 
 def test_a_ball_blocks_the_solid_angle_of_its_cone():
+    """Some 25 leaves of 0.025 lie on the cone's edge, each half in by chance, at four points: 0.03, four times."""
     body = triangle_body(*sphere(24))
     field, _ = field_of(body)
     distances = field.shells.radii[field.shells.radii > 1.5]
     for distance in distances:
         (seen,) = field.visibility(np.array([[0, 0, distance]])) @ SAMPLED.solid_angle[:, None]
-        assert 4 * np.pi - seen == pytest.approx(2 * np.pi * (1 - np.sqrt(1 - 1 / distance**2)), abs=0.08)
+        assert 4 * np.pi - seen == pytest.approx(2 * np.pi * (1 - np.sqrt(1 - 1 / distance**2)), abs=0.12)
 
 
 def test_points_inside_a_closed_body_are_sealed_and_left_out():

@@ -2,7 +2,7 @@
 
 Everywhere else cameras are OpenCV's: x right, y down, z forward, pixel centres at integers, rows downward. OpenGL
 has y upward, window pixels centred at halves, and reads its rows from the bottom; that is dealt with in
-`clip_from_world` and `rows_from_gl`.
+`clip_from_world`, `clip_from_parallel`, `image_from_window` and `rows_from_gl`.
 """
 
 from collections.abc import Sequence
@@ -114,6 +114,23 @@ def clip_from_world(camera: Camera, near: float, far: float) -> Float64:
     clip_from_camera[2, 2:] = (far + near) / (far - near), -2.0 * far * near / (far - near)
     clip_from_camera[3, 2] = 1.0
     return np.asarray(clip_from_camera @ camera.camera_from_world)
+
+
+def clip_from_parallel(image_from_world: Rows, size: tuple[int, int], far: float) -> Float64:
+    """The same (4, 4) for parallel rays: `image_from_world` (3, 4) gives image points and distances from 0 to `far`."""
+    width, height = size
+    clip_from_image = np.zeros((4, 4))
+    clip_from_image[0, [0, 3]] = 2.0 / width, 1.0 / width - 1.0
+    clip_from_image[1, [1, 3]] = -2.0 / height, 1.0 - 1.0 / height
+    # A little room at both ends, so that nothing is cut off by rounding.
+    clip_from_image[2, [2, 3]] = 1.9 / far, -0.95
+    clip_from_image[3, 3] = 1.0
+    return np.asarray(clip_from_image @ np.vstack([image_from_world, [0.0, 0.0, 0.0, 1.0]]))
+
+
+def image_from_window(height: int) -> Float64:
+    """Image points (u, v, 1) of OpenGL's window points (x, y, 1) as a matrix (3, 3)."""
+    return np.array([[1.0, 0.0, -0.5], [0.0, -1.0, height - 0.5], [0.0, 0.0, 1.0]])
 
 
 def rows_from_gl(image: Rows) -> Rows:

@@ -8,16 +8,22 @@ from typing import TypeGuard
 
 import moderngl
 
-from processing.products import FactoredBtf, SbrdfPlus, Srf
-from render import btf, flat, sbrdf, srf
+from processing.products import FactoredBtf, Mesostructure, SbrdfPlus, Srf
+from render import btf, flat, mesostructure, sbrdf, srf
 from render.arrays import Float64, Rows
 from render.errors import MaterialError
 from render.flat import FlatTexture
 from render.programs import Binding
 
-Material = Srf | FactoredBtf | SbrdfPlus | FlatTexture
+Material = Srf | FactoredBtf | Mesostructure | SbrdfPlus | FlatTexture
 
-_MODULES: dict[type, ModuleType] = {Srf: srf, FactoredBtf: btf, SbrdfPlus: sbrdf, FlatTexture: flat}
+_MODULES: dict[type, ModuleType] = {
+    Srf: srf,
+    FactoredBtf: btf,
+    Mesostructure: mesostructure,
+    SbrdfPlus: sbrdf,
+    FlatTexture: flat,
+}
 
 
 def upload(context: moderngl.Context, material: Material) -> Binding:

@@ -1,38 +1,28 @@
 """The picture by OpenGL: one program per material, one framebuffer of linear float32."""
 
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
 
 import moderngl
 import numpy as np
 
-from render.arrays import Bool, Float32, Rows
-from render.camera import Camera, clip_from_world, depth_range, rows_from_gl
+from processing.products import Mesostructure
+from render.arrays import Bool, Float32
+from render.camera import Camera, rows_from_gl
 from render.context import open_context, renderer_name
-from render.materials import Material, upload
+from render.layers import Layers, Wrapped, set_rays, wrapped_bodies
+from render.light_view import SIDE_PX
+from render.materials import Material
 from render.mesh import Mesh
+from render.on_card import Card, Target, by_columns
 from render.picture import Picture
-from render.programs import Binding, compile_program, set_uniform
+from render.programs import set_uniform
+from render.rays import Rays, camera_rays
 from render.scene import Body, Light, Scene
+from render.shadows import LIGHTS, ShadowMaps, shadow_maps
 
-# Meshes and materials that stay on the card, each: a moving light redraws the same few.
-_KEPT = 8
-_VERTEX = "surface.vert"
-# Lights of one pass over the mesh, as in surface.glsl; more are drawn in several whose radiance is added.
-_LIGHTS = 64
 _DARK = (0.0, 0.0, 0.0)
-
-
-class _OnCard(Protocol):
-    """Something that occupies memory of the card."""
-
-    def release(self) -> None: ...
-
-
-Key = TypeVar("Key", bound=Hashable)
-Held = TypeVar("Held", bound=_OnCard)
 
 
 @dataclass(frozen=True)
@@ -51,54 +41,21 @@ class GBuffer:
     mask: Bool
 
 
-@dataclass(frozen=True)
-class _Geometry:
-    """A mesh on the card."""
-
-    mesh: Mesh
-    vertices: moderngl.Buffer
-    triangles: moderngl.Buffer
-
-    def release(self) -> None:
-        self.vertices.release()
-        self.triangles.release()
-
-
-@dataclass(frozen=True)
-class _Uploaded:
-    """A material on the card; the material is held so that its identity stays its own."""
-
-    material: Material
-    binding: Binding
-
-    def release(self) -> None:
-        self.binding.release()
-
-
-@dataclass(frozen=True)
-class _Target:
-    """A framebuffer of float32 images with a depth buffer."""
-
-    framebuffer: moderngl.Framebuffer
-
-    def release(self) -> None:
-        for attachment in (*self.framebuffer.color_attachments, self.framebuffer.depth_attachment):
-            attachment.release()
-        self.framebuffer.release()
-
-
 class GlRenderer:
-    """Draws scenes with OpenGL; used by one thread at a time. Raises GlUnavailableError where there is no GL."""
+    """Draws scenes with OpenGL; used by one thread at a time. Raises GlUnavailableError where there is no GL.
+
+    Shadow maps have `shadow_side_px` pixels along each side. `layers` tells how many layers of rays the last picture
+    took where samples of known depth were in it.
+    """
 
     affordable_supersampling = 2
 
-    def __init__(self) -> None:
+    def __init__(self, shadow_side_px: int = SIDE_PX) -> None:
         self.context = open_context()
         self.name = renderer_name(self.context)
-        self._programs: dict[tuple[str, frozenset[str]], moderngl.Program] = {}
-        self._geometries: OrderedDict[int, _Geometry] = OrderedDict()
-        self._materials: OrderedDict[int, _Uploaded] = OrderedDict()
-        self._targets: OrderedDict[tuple[tuple[int, int], int], _Target] = OrderedDict()
+        self.shadow_side_px = shadow_side_px
+        self.layers = 0
+        self._card = Card(self.context)
 
     def draw(self, scene: Scene) -> Picture:
         """The scene as its camera sees it; pixels that show nothing are 0 in radiance and coverage."""
@@ -119,10 +76,10 @@ class GlRenderer:
             self.context.finish()
 
     def g_buffer(self, scene: Scene, light: Light) -> GBuffer:
-        """Shader results for one light of unit irradiance, with the inputs that the shader had."""
+        """Shader results for one light of unit irradiance without shadows, with the inputs that the shader had."""
         with self.context:
             target = self._target(scene.camera.size, 5)
-            self._draw(replace(scene, lights=(light,)), frozenset({"G_BUFFER"}), target)
+            self._draw(replace(scene, lights=(light,), shadows=False), frozenset({"G_BUFFER"}), target)
             radiance, uv, local, view, footprint = (_image(target, k, scene.camera) for k in range(5))
         footprint = footprint.reshape(*footprint.shape[:2], 2, 2)
         mask = radiance[:, :, 3] > 0.5
@@ -131,101 +88,104 @@ class GlRenderer:
     def release(self) -> None:
         """Give everything on the card back, the context last."""
         with self.context:
-            for kept in (self._geometries, self._materials, self._targets):
-                for held in kept.values():
-                    held.release()
-                kept.clear()
-            for program in self._programs.values():
-                program.release()
-            self._programs.clear()
+            self._card.release()
         self.context.release()
 
-    def _draw(self, scene: Scene, defines: frozenset[str], target: _Target) -> None:
-        target.framebuffer.use()
-        target.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
+    def _program(
+        self,
+        frame: "_Frame",
+        vertex: str,
+        material: Material,
+        defines: AbstractSet[str],
+        images: Mapping[str, moderngl.Texture] | None = None,
+    ) -> moderngl.Program:
+        """The material's program with its textures bound and all uniforms set."""
+        binding = self._card.binding(material)
+        program = self._card.program(vertex, binding.shader, frame.defines | binding.defines | defines)
+        maps = {} if frame.shadows is None else {"shadow_maps": frame.shadows.texture}
+        binding.use(program, {**maps, **(images or {})})
+        if frame.shadows is not None:
+            frame.shadows.use(program)
+        set_rays(program, frame.rays)
+        _set_lights(program, frame.scene)
+        return program
+
+    def _target(self, size: tuple[int, int], images: int) -> Target:
+        """Images of the picture, and one more of how far rays are known to meet nothing."""
+        return self._card.target("picture", size, (4,) * images + (1,))
+
+    def _draw(self, scene: Scene, defines: frozenset[str], target: Target) -> None:
+        shadows = shadow_maps(self._card, scene, self.shadow_side_px) if scene.shadows else None
+        frame = _Frame(
+            scene, camera_rays(scene.camera, scene.positions), shadows, defines | {"SHADOWS"} if shadows else defines
+        )
+        plain = [body for body in scene.bodies if not isinstance(body.material, Mesostructure)]
+        images = range(len(target.images) - 1)
+        picture = target.some(*images, deep=True)
+        picture.use()
+        picture.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
         self.context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        for body in scene.bodies:
-            self._draw_body(scene, body, defines)
+        for body in plain:
+            self._draw_plain(frame, body)
+        if wrapped := wrapped_bodies(scene.bodies):
+            self._draw_wrapped(frame, wrapped, [body.mesh for body in plain], target)
 
-    def _draw_body(self, scene: Scene, body: Body, defines: frozenset[str]) -> None:
-        binding = self._material(body.material)
+    def _draw_plain(self, frame: "_Frame", body: Body) -> None:
+        """A body as its mesh is."""
+        gradient = {"GRADIENT_MAP"} if body.mesh.map_from_world is not None else set()
+        program = self._program(frame, "surface.vert", body.material, gradient)
+        set_uniform(program, "eye", tuple(map(float, frame.scene.camera.eye)))
         if body.mesh.map_from_world is not None:
-            defines |= {"GRADIENT_MAP"}
-        program = self._program(binding.shader, defines | binding.defines)
-        binding.use(program)
-        _set_scene(program, scene)
-        if body.mesh.map_from_world is not None:
-            set_uniform(program, "map_from_world", _by_columns(body.mesh.map_from_world))
-        geometry = self._geometry(body.mesh)
-        layout = (geometry.vertices, "3f 3f 4f 2f", "position", "normal", "tangent", "uv")
-        vertex_array = self.context.vertex_array(program, [layout], geometry.triangles, skip_errors=True)
-        vertex_array.render()
-        vertex_array.release()
+            set_uniform(program, "map_from_world", by_columns(body.mesh.map_from_world))
+        self._card.draw(program, body.mesh)
 
-    def _program(self, shader: str, defines: frozenset[str]) -> moderngl.Program:
-        key = (shader, defines)
-        if key not in self._programs:
-            self._programs[key] = compile_program(self.context, _VERTEX, shader, defines)
-        return self._programs[key]
+    def _draw_wrapped(self, frame: "_Frame", bodies: Sequence[Wrapped], hiding: Sequence[Mesh], target: Target) -> None:
+        """All bodies that are covered with samples of known depth, as far as other meshes do not hide them."""
+        target.some(len(target.images) - 1).clear()
 
-    def _material(self, material: Material) -> Binding:
-        return _keep(self._materials, id(material), lambda: _Uploaded(material, upload(self.context, material))).binding
+        def draw_met(structure: Mesostructure, number: int, images: dict[str, moderngl.Texture]) -> None:
+            program = self._program(frame, "screen.vert", structure, set(), images)
+            set_uniform(program, "number", float(number))
+            self.context.enable_only(moderngl.NOTHING)
+            target.some(*range(len(target.images))).use()
+            self._card.fill(program)
 
-    def _geometry(self, mesh: Mesh) -> _Geometry:
-        def on_card() -> _Geometry:
-            rows = np.hstack([mesh.positions, mesh.normals, mesh.tangents, mesh.uv]).astype(np.float32)
-            triangles = self.context.buffer(np.ascontiguousarray(mesh.triangles, dtype=np.int32).tobytes())
-            return _Geometry(mesh, self.context.buffer(rows.tobytes()), triangles)
-
-        return _keep(self._geometries, id(mesh), on_card)
-
-    def _target(self, size: tuple[int, int], images: int) -> _Target:
-        def framebuffer() -> _Target:
-            colours = [self.context.renderbuffer(size, 4, dtype="f4") for _ in range(images)]
-            return _Target(self.context.framebuffer(colours, self.context.depth_renderbuffer(size)))
-
-        return _keep(self._targets, (size, images), framebuffer)
+        self.layers = Layers(self._card, frame.rays, target.images[-1]).peel(bodies, hiding, draw_met)
 
 
-def _keep(kept: OrderedDict[Key, Held], key: Key, make: Callable[[], Held]) -> Held:
-    """What is kept under the key, made if need be; beyond the limit, the one used longest ago is given back."""
-    if key not in kept:
-        kept[key] = make()
-        if len(kept) > _KEPT:
-            kept.popitem(last=False)[1].release()
-    kept.move_to_end(key)
-    return kept[key]
+@dataclass(frozen=True)
+class _Frame:
+    """One pass over a scene: its rays, the shadow maps if it has any, and what programs are compiled with."""
+
+    scene: Scene
+    rays: Rays
+    shadows: ShadowMaps | None
+    defines: frozenset[str]
 
 
 def _passes(scene: Scene) -> Iterator[Scene]:
     """The scene with no more lights than one pass takes, as often as it needs; its ambient light only once."""
-    for first in range(0, len(scene.lights), _LIGHTS):
-        lights = scene.lights[first : first + _LIGHTS]
+    for first in range(0, len(scene.lights), LIGHTS):
+        lights = scene.lights[first : first + LIGHTS]
         yield replace(scene, lights=lights, ambient=scene.ambient if first == 0 else _DARK)
 
 
-def _set_scene(program: moderngl.Program, scene: Scene) -> None:
-    near, far = depth_range(scene.camera, scene.positions)
-    set_uniform(program, "clip_from_world", _by_columns(clip_from_world(scene.camera, near, far)))
-    set_uniform(program, "eye", tuple(map(float, scene.camera.eye)))
-    directions, irradiances = np.zeros((2, _LIGHTS + 1, 3), dtype=np.float32)
+def _set_lights(program: moderngl.Program, scene: Scene) -> None:
+    directions, irradiances = np.zeros((2, LIGHTS + 1, 3), dtype=np.float32)
     lights = scene.lights
     directions[: len(lights)] = [light.direction for light in lights]
-    # Ambient light is one more pass of the shader's loop, whose direction is zero: a branch would cost every pixel.
     irradiances[: len(lights)] = [light.irradiance for light in lights]
+    # Materials that do not know ambient light have it as one more light of theirs, whose direction is zero.
+    as_light = any(scene.ambient) and "ambient_irradiance" not in program
     irradiances[len(lights)] = scene.ambient
-    set_uniform(program, "light_count", len(lights) + any(scene.ambient))
+    set_uniform(program, "ambient_irradiance", scene.ambient)
+    set_uniform(program, "light_count", len(lights) + as_light)
     set_uniform(program, "light_direction", directions)
     set_uniform(program, "light_irradiance", irradiances)
 
 
-def _by_columns(matrix: Rows) -> Float32:
-    """A matrix as it is written to the card."""
-    return matrix.T.astype(np.float32)
-
-
-def _image(target: _Target, attachment: int, camera: Camera) -> Float32:
-    """An image of the framebuffer (h, w, 4), first row on top."""
-    data = target.framebuffer.read(components=4, attachment=attachment, dtype="f4", alignment=1)
+def _image(target: Target, attachment: int, camera: Camera) -> Float32:
+    """An image (h, w, 4), first row on top."""
+    data = target.images[attachment].read()
     width, height = camera.size
     return np.asarray(rows_from_gl(np.frombuffer(data, dtype=np.float32).reshape(height, width, 4)))

@@ -34,11 +34,9 @@ class Binding:
     values: Mapping[str, Value] = field(default_factory=dict)
     defines: frozenset[str] = frozenset()
 
-    def use(self, program: moderngl.Program) -> None:
-        """Bind every texture and set every uniform that the program kept."""
-        for unit, (name, texture) in enumerate(self.textures.items()):
-            texture.use(unit)
-            set_uniform(program, name, unit)
+    def use(self, program: moderngl.Program, more: Mapping[str, moderngl.Texture] | None = None) -> None:
+        """Bind every texture, also those that are not the material's, and set every uniform that the program kept."""
+        bind(program, {**self.textures, **(more or {})})
         for name, value in self.values.items():
             set_uniform(program, name, value)
 
@@ -46,6 +44,14 @@ class Binding:
         """Give the textures back."""
         for texture in self.textures.values():
             texture.release()
+
+
+def bind(program: moderngl.Program, textures: Mapping[str, moderngl.Texture | moderngl.TextureArray]) -> None:
+    """Bind textures that the program reads, each to a unit of its own."""
+    read = {name: texture for name, texture in textures.items() if name in program}
+    for unit, (name, texture) in enumerate(read.items()):
+        texture.use(unit)
+        set_uniform(program, name, unit)
 
 
 def set_uniform(program: moderngl.Program, name: str, value: Value) -> None:

@@ -1,0 +1,3 @@
+// The depth buffer alone.
+void main() {
+}

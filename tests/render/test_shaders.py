@@ -152,7 +152,7 @@ def test_relative_error_counts_small_values_against_the_peak():
 
 
 def test_what_is_no_material_is_refused(gl):
-    with pytest.raises(MaterialError, match="these are: FactoredBtf, FlatTexture, SbrdfPlus, Srf"):
+    with pytest.raises(MaterialError, match="these are: FactoredBtf, FlatTexture, Mesostructure, SbrdfPlus, Srf"):
         outgoing("plaster", np.zeros((1, 2)), np.zeros((1, 3)), np.zeros((1, 3)))
     with pytest.raises(MaterialError, match="str is not a material"):
         upload(gl.context, "plaster")

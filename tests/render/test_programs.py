@@ -54,9 +54,15 @@ def test_missing_shader_is_named(gl, folder):
 
 
 @pytest.mark.parametrize("shader", sorted(path.name for path in SHADERS.glob("*.frag")))
-@pytest.mark.parametrize("defines", [(), ("G_BUFFER",), ("GRADIENT_MAP",), ("G_BUFFER", "GRADIENT_MAP")])
+@pytest.mark.parametrize("defines", [(), ("SHADOWS",), ("G_BUFFER",), ("GRADIENT_MAP",), ("G_BUFFER", "GRADIENT_MAP")])
 def test_every_variant_of_every_shader_compiles(gl, shader, defines):
-    own = {"srf.frag": ("BASIS_HALF",), "sbrdf.frag": ("LOBES 3",)}.get(shader, ())
+    own = {
+        "srf.frag": ("BASIS_HALF",),
+        "sbrdf.frag": ("LOBES 3",),
+        "btf.frag": ("FOURS 1",),
+        "mesostructure.frag": ("FOURS 1", "WRAPPED"),
+        "layer.frag": ("WRAPPED",),
+    }.get(shader, ())
     with gl.context:
         compile_program(gl.context, "surface.vert", shader, frozenset((*defines, *own))).release()
 

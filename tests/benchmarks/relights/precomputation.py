@@ -4,9 +4,9 @@
 of 16 bits and 1 of value; both are written. `all_height_over_index`: the same of fields and vertices' cuts, where the
 latter have two bytes of value beside 4 bits of height or 16 of number; rows have other sizes, among them the 8 bytes in
 either form that the paper's 270 and 687 MB tell. `disk_bits_per_node`: of the fields' files. `mean_cut_svc`,
-`mean_cut_vcf`: nodes of a cut; the paper has 428 and 710. `precompute_s`, `precompute_mrays_per_s`: all cuts and fields
-with all threads, and the rays among them; bodies of one shape are computed once. Every code is read back and compared on
-one sphere of each field.
+`mean_cut_vcf`: nodes of a cut; the paper has 428 and 710. `precompute_s`, `precompute_mrays_per_s`: all cuts and
+fields with all threads, and the rays among them; bodies of one shape are computed once. Every code is read back and
+compared on one sphere of each field.
 """
 
 from collections.abc import Iterator

@@ -1,29 +1,35 @@
 """A BTF as a short sum of products, by singular value decomposition.
 
-`factor_btf`: the matrix has a row per (texel, light, channel) and a column per view. It is tall: its Gram matrix, view
-by view, is gathered in float64 over blocks of texel rows and gives the view weights; the eigenmaps are the projections
-onto them. Two passes over data that need not fit in memory, and the rank-k error of the full decomposition.
+`factor_btf`: the matrix has a row per (texel, light, channel) and a column per view; or, where the maps are to be grey,
+a row per (texel, light) and a column per (view, channel). It is tall: its Gram matrix is gathered in float64, light by
+light, and gives the view weights; the eigenmaps are the projections onto them. Two passes over data that need not fit
+in memory, and the rank-k error of the full decomposition.
 
 `factor_texels`: the matrix has a row per texel and a column per (light, view, channel), which makes the smallest
 factors. Neither side is short enough for a Gram matrix, so the strongest columns' space is found by iteration.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from processing.errors import ImageError
 from processing.products import DirectionMesh, FactoredBtf, Provenance
 from processing.products.arrays import Float32, Float64
+from processing.products.btf import Block
 
 _PASSES = 3  # of the iteration
+_PART = 1 << 19  # samples: 4 MiB in float64
 _SPARE = 10  # functions beyond those that are kept
+
+Colour = Literal["colour", "grey"]
 
 
 class BtfRows(Protocol):
-    """A BTF that is read by blocks of texel rows: `Btf` in memory or `StoredBtf` on disk."""
+    """A BTF that is read block by block: `Btf` in memory or `StoredBtf` on disk."""
 
     @property
     def light_directions(self) -> Float64:
@@ -47,14 +53,17 @@ class BtfRows(Protocol):
     def row_spans(self) -> Iterator[slice]:
         """Spans of rows to read one after another."""
 
+    def blocks(self) -> Iterator[Block]:
+        """Lights, rows, and what all views see of them, (light, view, row, x, channel); each sample once."""
+
 
 @dataclass(frozen=True, eq=False)
 class Factorisation:
     """A factored BTF and its error.
 
-    `squared_singular_values` (view,) fall; their sum is the sum of squares of the BTF. `missing` is the share of
-    samples that were filled: they count with the mean of their row over the views, so a row without any sample is 0.
-    Errors are those of the filled matrix.
+    `squared_singular_values`, one for each column of the matrix, fall; their sum is the sum of squares of the BTF.
+    `missing` is the share of samples that were filled: they count with the mean of their row over the columns, so a row
+    without any sample is 0. Errors are those of the filled matrix.
     """
 
     btf: FactoredBtf
@@ -94,26 +103,29 @@ class TexelFactors:
         return float(np.sqrt(max(left, 0.0) / self.total)) if self.total > 0 else 0.0
 
 
-def factor_btf(btf: BtfRows, rank: int) -> Factorisation:
+def factor_btf(btf: BtfRows, rank: int, colour: Colour = "colour") -> Factorisation:
     """Keep the `rank` strongest terms; each eigenmap carries its singular value, each weight vector has length 1.
 
-    The sign of a term is that which makes its weights sum to 0 or more. Source: Eckart and Young 1936.
+    Grey maps serve all channels, whose weights differ: a third of the bytes and of the look-ups for as many terms. The
+    sign of a term is that which makes its weights sum to 0 or more. Source: Eckart and Young 1936.
     Raises ImageError for a rank that the views do not offer.
     """
     lights, views, height, width, channels = btf.shape
-    if not 1 <= rank <= views:
-        raise ImageError(f"rank {rank} of a BTF with {views} views: choose 1 to {views}")
-    gram, missing = _gram(btf)
+    shared = channels if colour == "grey" else 1
+    if not 1 <= rank <= views * shared:
+        raise ImageError(f"rank {rank} of a BTF with {views} views: choose 1 to {views * shared} for {colour} maps")
+    gram, missing = _gram(btf, shared)
     values, vectors = np.linalg.eigh(gram)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1][:, :rank]
     vectors = vectors * np.where(vectors.sum(axis=0) < 0, -1.0, 1.0)
-    eigenmaps = np.empty((rank, lights, height, width, channels), np.float32)
-    for rows in btf.row_spans():
-        filled, _ = _filled(btf.rows(rows))
-        eigenmaps[:, :, rows] = np.einsum("lvyxc,vk->klyxc", filled, vectors, optimize=True)
+    weights = np.ascontiguousarray(vectors.T, np.float32)
+    eigenmaps = np.empty((rank, lights, height, width, channels // shared), np.float32)
+    for light, rows, matrix in _matrices(btf, shared):
+        whole = _filled(matrix)[0] if missing else matrix
+        eigenmaps[:, light, rows] = (weights @ whole).reshape(rank, -1, width, channels // shared)
     factored = FactoredBtf(
         eigenmaps,
-        np.ascontiguousarray(vectors.T, np.float32),
+        weights.reshape(rank, views, channels) if shared > 1 else weights,
         DirectionMesh.from_directions(btf.light_directions),
         DirectionMesh.from_directions(btf.view_directions),
         btf.provenance,
@@ -151,28 +163,46 @@ def _texel_blocks(btf: BtfRows) -> Iterator[Float32]:
     """Blocks (texel, light * view * channel) of the filled matrix."""
     lights, views, _, _, channels = btf.shape
     for rows in btf.row_spans():
-        filled, _ = _filled(btf.rows(rows))
-        texels = np.moveaxis(filled, (2, 3), (0, 1)).astype(np.float32)
-        yield texels.reshape(-1, lights * views * channels)
+        block = np.moveaxis(btf.rows(rows), 1, 0)
+        filled, _ = _filled(block.reshape(views, -1))
+        texels = np.moveaxis(filled.reshape(block.shape), (2, 3), (0, 1))
+        yield np.moveaxis(texels, 2, 3).reshape(-1, lights * views * channels)
 
 
-def _gram(btf: BtfRows) -> tuple[Float64, int]:
-    gram, missing = np.zeros((btf.shape[1], btf.shape[1])), 0
-    for rows in btf.row_spans():
-        filled, count = _filled(btf.rows(rows))
-        matrix = np.moveaxis(filled, 1, 0).reshape(btf.shape[1], -1)
-        gram += matrix @ matrix.T
-        missing += count
+def _matrices(btf: BtfRows, shared: int) -> Iterator[tuple[int, slice, Float32]]:
+    """Light, rows, and the transposed matrix's part (view * shared, sample); parts stay in the processor's cache."""
+    views = btf.shape[1]
+    height = max(_PART // math.prod(btf.shape[i] for i in (1, 3, 4)), 1)
+    for lights, rows, block in btf.blocks():
+        for light, seen in enumerate(block, start=lights.start):
+            for start in range(0, rows.stop - rows.start, height):
+                part = seen[:, start : start + height]
+                span = slice(rows.start + start, rows.start + start + part.shape[1])
+                if shared > 1:
+                    part = np.moveaxis(part, 3, 1)
+                yield light, span, part.reshape(views * shared, -1)
+
+
+def _gram(btf: BtfRows, shared: int) -> tuple[Float64, int]:
+    columns = btf.shape[1] * shared
+    gram, missing = np.zeros((columns, columns)), 0
+    for _, _, matrix in _matrices(btf, shared):
+        exact = matrix.astype(np.float64)
+        products = exact @ exact.T
+        if not np.isfinite(products.trace()):
+            filled, count = _filled(matrix)
+            exact = filled.astype(np.float64)
+            products = exact @ exact.T
+            missing += count
+        gram += products
     return gram, missing
 
 
-def _filled(block: Float32) -> tuple[Float64, int]:
-    """The block in float64 with missing samples at the mean over the views of their row, and how many there were."""
-    values = block.astype(np.float64)
-    valid = np.isfinite(values)
-    missing = values.size - int(valid.sum())
-    if missing == 0:
-        return values, 0
-    count = np.maximum(valid.sum(axis=1, keepdims=True), 1)
-    mean = np.sum(values, axis=1, keepdims=True, where=valid) / count
-    return np.where(valid, values, mean), missing
+def _filled(matrix: Float32) -> tuple[Float32, int]:
+    """The matrix with missing samples at the mean over its first axis, and how many there were."""
+    valid = np.isfinite(matrix)
+    if valid.all():
+        return matrix, 0
+    count = np.maximum(valid.sum(axis=0), 1)
+    mean = np.sum(matrix, axis=0, where=valid, dtype=np.float64) / count
+    return np.where(valid, matrix, mean).astype(np.float32), matrix.size - int(valid.sum())

@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
+from zarr.codecs import BytesCodec, ZstdCodec
 
 from processing.errors import ImageError
 from processing.products.arrays import Float32, Float64
 from processing.products.provenance import Provenance, read_arrays, read_description, write_description
+from processing.products.shards import read_shard
 
 KIND = "btf"
 _STORE = "btf.zarr"
@@ -20,6 +23,11 @@ _STORE = "btf.zarr"
 _DIRECTIONS_PER_CHUNK = 8
 _TEXELS_PER_CHUNK = 16
 _LARGEST_HALF = 65504.0
+_BLOCK = 1 << 23  # samples that are read at once, unless a row of chunks under 8 lights holds more
+
+_READERS = 2
+
+Block = tuple[slice, slice, Float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +50,10 @@ class Btf:
     def rows(self, rows: slice) -> Float32:
         """Texel rows under every light and view, (light, view, rows, x, channel)."""
         return self.reflectance[:, :, rows]
+
+    def blocks(self) -> Iterator[Block]:
+        """Lights, rows, and what all views see of them, (light, view, row, x, channel); each sample once."""
+        yield slice(0, self.shape[0]), slice(0, self.shape[2]), self.reflectance
 
     def seen_from(self, view: int) -> Float32:
         """What one view sees under every light, (light, y, x, channel)."""
@@ -115,6 +127,48 @@ class StoredBtf:
         """Spans of rows that follow the chunks, so that each chunk is read once."""
         return _spans(self.shape[2], self.array.chunks[2])
 
+    def blocks(self) -> Iterator[Block]:
+        """As `Btf.blocks`, of few lights and rows; the next is read in threads while one is worked on."""
+        with ThreadPoolExecutor(_READERS) as pool:
+            reading: list[_Reading] = []
+            for lights, rows in self._block_spans():
+                reading.append(self._begin(pool, lights, rows))
+                if len(reading) > 1:
+                    yield reading.pop(0).done()
+            yield from (last.done() for last in reading)
+
+    def _block_spans(self) -> Iterator[tuple[slice, slice]]:
+        per_row = self.array.chunks[0] * math.prod(self.shape[i] for i in (1, 3, 4))
+        height = self.array.chunks[2]
+        rows = list(_spans(self.shape[2], max(_BLOCK // (per_row * height), 1) * height))
+        return ((lights, span) for lights in _spans(self.shape[0], self.array.chunks[0]) for span in rows)
+
+    def _begin(self, pool: ThreadPoolExecutor, lights: slice, rows: slice) -> "_Reading":
+        lengths = (lights.stop - lights.start, self.shape[1], rows.stop - rows.start, *self.shape[3:])
+        block, chunk = np.empty(lengths, np.float32), self.array.chunks
+        parts = []
+        for views in _spans(self.shape[1], chunk[1]):
+            key = self.array.metadata.encode_chunk_key((lights.start // chunk[0], views.start // chunk[1], 0, 0, 0))
+            path = self.array.store.root / key
+            parts.append(pool.submit(read_shard, path, chunk, self.shape[2], rows.start, block[:, views]))
+        return _Reading(lights, rows, block, parts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """A block that threads are filling."""
+
+    lights: slice
+    rows: slice
+    block: Float32
+    parts: list[Future[None]]
+
+    def done(self) -> Block:
+        """The block when all of it is there."""
+        for part in self.parts:
+            part.result()
+        return self.lights, self.rows, self.block
+
 
 def write_blocks(folder: Path, shape: tuple[int, ...], block: Callable[[slice, slice], Float32]) -> None:
     """Write btf.zarr from blocks that are asked for one after another, so that a BTF need not fit into memory.
@@ -126,6 +180,7 @@ def write_blocks(folder: Path, shape: tuple[int, ...], block: Callable[[slice, s
     shards = (*chunks[:2], *(math.ceil(n / c) * c for n, c in zip(shape[2:], chunks[2:], strict=True)))
     store: Any = zarr.create_array(
         store=folder / _STORE, shape=shape, chunks=chunks, shards=shards, dtype="float16", overwrite=True,
+        compressors=ZstdCodec(level=0), serializer=BytesCodec(endian="little"),  # what `read_shard` reads
         fill_value=math.nan,  # a shard that got lost is not measured, not black
     )  # fmt: skip
     for lights in _spans(shape[0], chunks[0]):

@@ -145,3 +145,43 @@ def test_maps_of_one_texel_and_an_impossible_rank(rng):
     for rank in (0, 2):
         with pytest.raises(ImageError, match="choose 1 to 1"):
             factor_texels(btf, rank)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(1, 3 * VIEWS), st.integers(0, 2**32 - 1))
+def test_grey_maps_have_the_least_error_of_a_matrix_with_channels_as_columns(rank, seed):
+    btf = smooth_btf(np.random.default_rng(seed), terms=3 * VIEWS)
+    factors = factor_btf(btf, rank, "grey")
+    maps, weights = factors.btf.eigenmaps.astype(np.float64), factors.btf.weights
+    error = np.linalg.norm(np.einsum("klyx,kvc->lvyxc", maps[..., 0], weights) - btf.reflectance)
+    matrix = np.moveaxis(btf.reflectance, 1, 3).reshape(-1, 3 * VIEWS).astype(np.float64)
+    squares = np.linalg.svd(matrix, compute_uv=False) ** 2
+    assert error <= 1.001 * np.sqrt(squares[rank:].sum()) + 1e-6 * np.sqrt(squares.sum())
+    assert maps.shape[4] == 1
+
+
+def test_grey_maps_need_no_more_terms_than_columns(rng):
+    with pytest.raises(ImageError, match="choose 1 to 27 for grey maps"):
+        factor_btf(smooth_btf(rng), 3 * VIEWS + 1, "grey")
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e30])
+def test_values_whose_squares_float32_does_not_hold_are_factored(rng, scale):
+    btf = smooth_btf(rng, terms=3)
+    factors = factor_btf(Btf(btf.reflectance * np.float32(scale), btf.light_directions, btf.view_directions), 3)
+    assert factors.relative_rmse(3) < 1e-6
+    np.testing.assert_allclose(rebuilt(factors.btf) / scale, btf.reflectance, atol=1e-5)
+
+
+def test_grey_maps_of_missing_samples_from_disk_are_those_in_memory(tmp_path, rng):
+    """Several shards in both directions, rows of chunks that end early, NaN and a light that was never on."""
+    reflectance = rng.random((9, 11, 20, 18, 3)).astype(np.float16).astype(np.float32)
+    reflectance[0, 0, 0, 0], reflectance[4], reflectance[2, 3] = np.nan, np.nan, np.inf
+    btf = Btf(reflectance, directions(9, rng), directions(11, rng))
+    Btf(np.where(np.isinf(reflectance), np.nan, reflectance), *(btf.light_directions, btf.view_directions)).save(
+        tmp_path
+    )
+    whole, streamed = factor_btf(btf, 5, "grey"), factor_btf(StoredBtf.open(tmp_path), 5, "grey")
+    np.testing.assert_array_equal(whole.btf.eigenmaps, streamed.btf.eigenmaps)
+    assert whole.missing == streamed.missing == pytest.approx(np.mean(~np.isfinite(reflectance)))
+    assert np.abs(whole.btf.eigenmaps[:, 4]).max() == 0

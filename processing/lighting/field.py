@@ -10,6 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.lighting.cover import covering_spheres
 from processing.lighting.cuts import Cuts
 from processing.lighting.directions import SampleDirections
 from processing.lighting.rays import BATCH, Bool, Occluder
@@ -93,7 +94,7 @@ class FieldTracer:
         axes = sampled.means(cluster)
         along = np.einsum("nki,ni->nk", sampled.directions.reshape(len(axes), -1, 3), axes)
         self._clusters = np.column_stack([axes, np.arccos(np.clip(along.min(axis=1), -1, 1))])
-        self._sphere = np.array([*body.centre, body.radius])
+        self._spheres = covering_spheres(body)
 
     def trace(self, start: int, stop: int) -> FieldBlock:
         """Visibility at sample points `start` to `stop`, in threads."""
@@ -105,7 +106,9 @@ class FieldTracer:
         points, at, rays = self._shells.points(start, stop), 0, 0
         parts = []
         while at < len(points):
-            first, leaves, origins, directions = cone_rays(points[at:], self._sphere, self._clusters, self._rays, BATCH)
+            first, leaves, origins, directions = cone_rays(
+                points[at:], self._spheres, self._clusters, self._rays, BATCH
+            )
             blocked = self._occluder.blocks(origins, directions)
             parts.append(_changes(first, leaves, blocked, len(self._rays)))
             at, rays = at + len(first) - 1, rays + len(leaves)
@@ -132,31 +135,27 @@ def block_size(shells: Shells) -> int:
 
 @numba.njit(cache=True, nogil=True)
 def cone_rays(
-    points: Float64, sphere: Float64, clusters: Float64, rays: Float32, room: int
+    points: Float64, spheres: Float64, clusters: Float64, rays: Float32, room: int
 ) -> tuple[Int64, Int32, Float32, Float32]:
-    """Rays from points (n, 3) within the cone of a sphere, of as many of them as there is room for, at least one.
+    """Rays from points (n, 3) that may meet spheres, of as many points as there is room for, at least one.
 
-    `sphere` (4,) is centre and radius. `clusters` (c, 4) are axes and half angles of all nodes of one height: those
-    beyond the cone are left out as a whole. Rays `first[i]` to `first[i + 1]` are of point i: ascending leaves (k,),
-    origins (k, 3) and directions (k, 3).
+    `spheres` (m, 4) are centres and radii: one around all, then those within. `clusters` (c, 4) are axes and half
+    angles of all nodes of one height: those beyond the spheres' cones are left out as a whole. Rays `first[i]` to
+    `first[i + 1]` are of point i: ascending leaves (k,), origins (k, 3) and directions (k, 3).
     """
     count, size = len(rays), len(rays) // len(clusters)
     first, room = np.zeros(len(points) + 1, np.int64), max(room, count)
     leaves = np.empty(room, np.int32)
     origins, directions = np.empty((room, 3), np.float32), np.empty((room, 3), np.float32)
+    cones, near = np.empty((len(spheres), 5)), np.empty(len(spheres), np.int32)
     k, done = 0, 0
     while done < len(points) and k + count <= room:
-        toward = sphere[:3] - points[done]
-        distance = np.sqrt(np.sum(toward * toward))
-        sine = sphere[3] / distance * (1 + 1e-6) if distance > 0 else 2.0
-        angle = np.arcsin(sine) if sine < 1 else np.pi
+        for i in range(len(spheres)):
+            _write_cone(points[done], spheres[i], cones[i])
         for cluster in range(len(clusters)):
-            spread, along = angle + clusters[cluster, 3], np.sum(clusters[cluster, :3] * toward)
-            if spread < np.pi and along < distance * np.cos(spread):
-                continue
-            for leaf in range(cluster * size, (cluster + 1) * size):
-                x, y, z = rays[leaf]
-                if angle == np.pi or x * toward[0] + y * toward[1] + z * toward[2] >= distance * np.cos(angle) - 1e-6:
+            found = _cones_near(clusters[cluster], cones, near)
+            for leaf in range(cluster * size, (cluster + 1) * size if found > 0 else 0):
+                if _within(rays[leaf], cones, near[:found]):
                     leaves[k], directions[k] = leaf, rays[leaf]
                     for axis in range(3):
                         origins[k, axis] = points[done, axis]
@@ -164,6 +163,41 @@ def cone_rays(
         done += 1
         first[done] = k
     return first[: done + 1], leaves[:k], origins[:k], directions[:k]
+
+
+@numba.njit(cache=True, nogil=True)
+def _write_cone(point: Float64, sphere: Float64, cone: Float64) -> None:
+    """Axis, half angle and its cosine of the cone in which a point sees a sphere; all directions from inside."""
+    toward = sphere[:3] - point
+    distance = np.sqrt(np.sum(toward * toward))
+    sine = sphere[3] / distance if distance > 0 else 2.0
+    cone[:3] = toward / max(distance, 1e-300)
+    cone[3] = np.arcsin(sine) if sine < 1 else np.pi
+    cone[4] = np.cos(cone[3]) - 1e-6  # more than float32 rays are off
+
+
+@numba.njit(cache=True, nogil=True)
+def _cones_near(cluster: Float64, cones: Float64, near: Int32) -> int:
+    """Write the numbers of cones that a cluster touches, but for the first, which must be touched; return how many."""
+    found = 0
+    for i in range(len(cones)):
+        spread = cones[i, 3] + cluster[3]
+        along = cluster[0] * cones[i, 0] + cluster[1] * cones[i, 1] + cluster[2] * cones[i, 2]
+        apart = spread < np.pi and along < np.cos(spread)
+        if i == 0 and apart:
+            return 0
+        if i > 0 and not apart:
+            near[found] = i
+            found += 1
+    return found
+
+
+@numba.njit(cache=True, nogil=True)
+def _within(ray: Float32, cones: Float64, near: Int32) -> bool:
+    for i in near:
+        if ray[0] * cones[i, 0] + ray[1] * cones[i, 1] + ray[2] * cones[i, 2] >= cones[i, 4]:
+            return True
+    return False
 
 
 @numba.njit(cache=True, nogil=True)

@@ -23,7 +23,7 @@ def test_every_triangle_lies_in_one_of_them_and_in_the_first(count, seed):
 
 def test_two_balls_far_apart_have_no_sphere_between_them():
     vertices, triangles = sphere(8)
-    both = np.concatenate([vertices, vertices + [50, 0, 0]])
+    both = np.concatenate([vertices, vertices + np.array([50, 0, 0])])
     spheres = covering_spheres(triangle_body(both, np.concatenate([triangles, triangles + len(vertices)])))
     assert (spheres[1:, 3] <= 1 + 1e-9).all()
     assert spheres[0, 3] > 25

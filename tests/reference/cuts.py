@@ -20,3 +20,15 @@ def binary_cut(leaves):
         return [(len(leaves).bit_length() - 1, bool(leaves[0]))]
     half = len(leaves) // 2
     return binary_cut(leaves[:half]) + binary_cut(leaves[half:])
+
+
+def preorder(leaves, value_known=False):
+    """Bits of the lossless cut from the root down, without those that are known: leaves have no children, and the right
+    one of two nodes of the cut has the other value than the left one."""
+    if (leaves == leaves[0]).all():
+        ends = [] if len(leaves) == 1 else [0]
+        return ends if value_known else [*ends, int(leaves[0])]
+    half = len(leaves) // 2
+    left_is_node = bool((leaves[:half] == leaves[0]).all())
+    right_is_node = bool((leaves[half:] == leaves[half]).all())
+    return [1, *preorder(leaves[:half]), *preorder(leaves[half:], left_is_node and right_is_node)]

@@ -1,6 +1,7 @@
 """Codes of cuts: the same cuts forth and back, in as many bits as they say."""
 
 import zlib
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from hypothesis.extra.numpy import arrays
 from processing.errors import ImageError
 from processing.lighting import coding
 from processing.lighting.cuts import Cuts
-from processing.lighting.toggles import binary_cuts, toggles_of
+from processing.lighting.toggles import binary_cuts, toggles_of, visible_leaves
+from tests.reference import cuts as slow
 
 HEIGHT = 7
 
@@ -63,6 +65,14 @@ def test_what_lies_on_disk_comes_back(made):
     back = coding.toggles_from_disk(code, len(first) - 1, HEIGHT)
     assert np.array_equal(back[0], first)
     assert np.array_equal(back[1], toggles)
+
+
+@settings(deadline=None, max_examples=40)
+@given(functions())
+def test_preorder_bits_are_those_of_their_slow_twin(made):
+    first, toggles = made
+    leaves = [visible_leaves(toggles[a:b], HEIGHT) for a, b in pairwise(first)]
+    assert coding._preorder(first, toggles, HEIGHT).tolist() == [bit for one in leaves for bit in slow.preorder(one)]
 
 
 @settings(deadline=None, max_examples=40)

@@ -55,6 +55,22 @@ def test_weights_are_shares(direction, radii):
 
 
 @settings(deadline=None)
+@given(st.integers(0, 5), st.tuples(*[st.floats(-0.75, 0.75)] * 2), st.floats(0.2, 10))
+def test_radius_and_angles_across_a_face_are_interpolated_linearly(face, angles, radii):
+    """Both are coordinates in which cells are a grid: shares times the samples' coordinates are the point's."""
+    made, axis = shells(), face // 2
+    place = np.empty(3)
+    place[axis], place[[(axis + 1) % 3, (axis + 2) % 3]] = 1 - 2 * (face % 2), np.tan(np.pi / 4 * np.array(angles))
+    place *= 2 * radii / np.linalg.norm(place)
+    (weights,) = dense(made, CENTRE + place[None])
+    samples = made.points(0, len(made)) - CENTRE
+    assert weights @ np.linalg.norm(samples, axis=1) == pytest.approx(2 * radii, rel=1e-5)
+    for k, angle in enumerate(angles, 1):
+        across = np.arctan(samples[:, (axis + k) % 3] / np.abs(samples[:, axis])) * 4 / np.pi
+        assert weights @ across == pytest.approx(angle, abs=1e-5)
+
+
+@settings(deadline=None)
 @given(DIRECTION, st.floats(0.1, 9.5), DIRECTION)
 def test_weights_change_continuously_also_over_edges_and_corners(direction, radii, aside):
     made = shells()

@@ -159,8 +159,9 @@ def preview(
         Path, typer.Option("--out", "-o", help="Picture (.png), moving light (.webp, .gif), or a folder for all.")
     ],
     shape: Annotated[
-        str, typer.Option(help="sphere, plane, torus, vase, statue, or a mesh file (OBJ, PLY, GLB).")
+        str, typer.Option(help="sphere, plane, torus, cylinder, knot, vase, statue, or a mesh file (OBJ, PLY, GLB).")
     ] = "",
+    floor: Annotated[bool, typer.Option("--floor", help="Lay a floor of the material under the shape.")] = False,
     azimuth_deg: Annotated[
         float, typer.Option(help="Of the light, or of the environment's middle, from +X toward +Y.")
     ] = 40.0,
@@ -175,7 +176,7 @@ def preview(
 
     with reported_errors():
         lights = viewing.lights_of(azimuth_deg, elevation_deg, environment)
-        tell(viewing.draw_product(product, out, shape, lights, size))
+        tell(viewing.draw_product(product, out, shape, lights, size, floor=floor))
 
 
 app.add_typer(materials)

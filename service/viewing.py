@@ -2,11 +2,14 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 
+import numpy as np
+
 from processing.errors import ImageError
-from processing.products import FactoredBtf, SbrdfPlus, Srf
+from processing.products import FactoredBtf, Mesostructure, SbrdfPlus, Srf
 from render.environment import median_cut
 from render.environment_file import load_environment
 from render.errors import SceneError
@@ -15,10 +18,11 @@ from render.mesh import Mesh
 from render.mesh_file import load_mesh
 from render.picture import exposure_for, save_animation, save_image
 from render.preview import Preview
-from render.scene import Light, Scene, framed, light, turning_lights
-from render.shapes import captured_sphere, plane, sphere, statue, torus, vase
+from render.scene import Body, Light, Scene, framed, light, turning_lights
+from render.shapes import captured_sphere, cylinder, knot, plane, sphere, statue, torus, vase
 from render.showcase import write_showcase
 from render.srf import repeating
+from render.wrapping import wrapping
 from service.files import replaced
 from service.pictures import (
     STILL,
@@ -33,6 +37,7 @@ from service.pictures import (
 
 ANIMATED = (".webp", ".gif", ".apng")
 FRAMES = 24
+_FLOOR = 3.0  # side of a floor, in lengths of what stands on it
 # Pictures under these lie within 3 % (rms, of the mean) of those under all pixels: `rig bench srf`.
 ENVIRONMENT_LIGHTS = 64
 SKIN_MESH = "mesh.glb"  # beside an SRF that was made for this mesh alone
@@ -40,6 +45,8 @@ SHAPES: dict[str, Callable[[], Mesh]] = {
     "sphere": sphere,
     "plane": plane,
     "torus": torus,
+    "cylinder": cylinder,
+    "knot": knot,
     "vase": vase,
     "statue": statue,
 }
@@ -47,6 +54,7 @@ MATERIALS: dict[str, Callable[[Path], Material]] = {
     "srf": Srf.load,
     "factored_btf": FactoredBtf.load,
     "sbrdf_plus": SbrdfPlus.load,
+    "mesostructure": Mesostructure.load,
 }
 MAPS = {
     "mdf": draw_displacements,
@@ -98,14 +106,19 @@ def shown_on(product: Path, shape: str) -> tuple[Material, Mesh]:
 
 
 def shape_for(material: Material, name: str) -> tuple[Material, Mesh]:
-    """A mesh by name or file, and the material as that mesh needs it; without a name the one it was captured on."""
+    """A mesh by name or file, and the material as that mesh needs it; without a name what shows it best."""
     captured = isinstance(material, Srf) and not material.wrap
     if name in ("", "sphere"):
         if captured:
             return material, captured_sphere()
-        return material, plane() if name == "" else sphere()
+        return material, _showing(material) if name == "" else sphere()
     covering = repeating(material) if isinstance(material, Srf) else material
     return covering, mesh_named(name)
+
+
+def _showing(material: Material) -> Mesh:
+    """A plane shows all of a material but its silhouettes."""
+    return torus() if isinstance(material, Mesostructure) else plane()
 
 
 def lights_of(azimuth_deg: float, elevation_deg: float, environment: Path | None) -> tuple[Light, ...]:
@@ -115,11 +128,13 @@ def lights_of(azimuth_deg: float, elevation_deg: float, environment: Path | None
     return median_cut(load_environment(environment, azimuth_rad=radians(azimuth_deg)), ENVIRONMENT_LIGHTS)
 
 
-def draw_product(product: Path, out: Path, shape: str, lights: tuple[Light, ...], size: int) -> str:
+def draw_product(
+    product: Path, out: Path, shape: str, lights: tuple[Light, ...], size: int, *, floor: bool = False
+) -> str:
     """Draw a product into `out` and return what was done.
 
     Of a material one picture, for .webp and .gif lights that go round, for a folder its showcase, which has a light of
-    its own; of a BTF, MDF or reflectance maps what was measured.
+    its own; of a BTF, MDF or reflectance maps what was measured. A `floor` of the material lies under the shape.
     """
     if not out.suffix:
         return _draw_showcase(product, out, lights, size)
@@ -132,7 +147,7 @@ def draw_product(product: Path, out: Path, shape: str, lights: tuple[Light, ...]
     if ending not in ANIMATED + STILL:
         raise ImageError(f"{out}: a picture is .png or .jpg, a moving light .webp or .gif; no suffix means a folder.")
     material, mesh = shown_on(product, shape)
-    scene = _scene(material, mesh, lights, size)
+    scene = _scene(material, mesh, lights, size, floor=floor)
     with Preview((size, size)) as preview, replaced(out) as part:
         if ending in ANIMATED:
             _draw_moving_light(preview, scene, part)
@@ -152,14 +167,24 @@ def _draw_showcase(product: Path, out: Path, lights: tuple[Light, ...], size: in
     return f"{out}: {', '.join(gallery.name for gallery in galleries)} (drawn by {galleries[0].renderer})"
 
 
-def _scene(material: Material, mesh: Mesh, lights: tuple[Light, ...], size: int) -> Scene:
-    """The mesh framed, seen from where its captured side or its top shows."""
+def _scene(material: Material, mesh: Mesh, lights: tuple[Light, ...], size: int, *, floor: bool) -> Scene:
+    """The mesh framed, seen from where its captured side or its top shows; what has depth throws shadows."""
     if mesh.map_from_world is not None:
         azimuth_deg, elevation_deg = 0.0, 0.0  # where the camera of the capture stood
     else:
         azimuth_deg, elevation_deg = -35.0, 38.0
     camera = framed(mesh, (size, size), azimuth_rad=radians(azimuth_deg), elevation_rad=radians(elevation_deg))
-    return Scene.of(mesh, material, camera, lights)
+    bodies = [Body(mesh, material), *([Body(_floor(mesh), material)] if floor else [])]
+    return Scene(tuple(bodies), camera, lights, shadows=floor or isinstance(material, Mesostructure))
+
+
+def _floor(mesh: Mesh) -> Mesh:
+    """A plane under the mesh, with tiles as long as the mesh's own."""
+    low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
+    side = _FLOOR * float((high - low).max())
+    tiles = side / float(np.exp(np.log(wrapping(mesh).stretch).mean()))
+    level = plane(side, tiles=(tiles, tiles))
+    return replace(level, positions=level.positions + np.append((low + high)[:2] / 2, low[2]))
 
 
 def _draw_moving_light(preview: Preview, scene: Scene, out: Path) -> None:

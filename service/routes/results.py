@@ -23,7 +23,7 @@ _drawing = threading.Lock()
 class Look(BaseModel, extra="forbid", allow_inf_nan=False):
     """How a material is to be shown; the light's azimuth counts from +X toward +Y, its elevation from the horizon."""
 
-    shape: Literal["", "sphere", "plane", "torus", "vase", "statue"] = ""
+    shape: Literal["", "sphere", "plane", "torus", "cylinder", "knot", "vase", "statue"] = ""
     azimuth_deg: float = 40.0
     elevation_deg: float = 45.0
     size: int = Field(default=600, ge=16, le=2048)

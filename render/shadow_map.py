@@ -40,8 +40,8 @@ class ShadowMap:
 def shadow_map(bodies: Sequence[Body], direction: Rows, side_px: int = SIDE_PX) -> ShadowMap:
     """What bodies leave of the light that comes from `direction` (3,).
 
-    A sample that is wrapped around a closed mesh lets light by where a ray meets nothing, and ends it at its base: what
-    stands on the base is shaded by the BTF itself. Source: Wang et al. 2005, 4.2.
+    A wrapped sample ends light at its base: what stands on the base is shaded by the BTF itself. Around a closed mesh
+    it lets light by where a ray meets nothing. Source: Wang et al. 2005, 4.2.
     """
     view = light_view(direction, [body.mesh.positions for body in bodies], side_px)
     reach = np.full(side_px**2, np.inf)
@@ -53,15 +53,24 @@ def shadow_map(bodies: Sequence[Body], direction: Rows, side_px: int = SIDE_PX) 
 
 def _ends(body: Body, view: LightView) -> tuple[Int32, Float64]:
     """Pixels in which the body is in the light's way, and where light ends there."""
-    if isinstance(body.material, Mesostructure) and is_closed(body.mesh):
+    if not isinstance(body.material, Mesostructure):
+        return _faces(body.mesh, view)
+    if is_closed(body.mesh):
         return _bases(body.mesh, body.material, view)
-    return _faces(body.mesh, view)
+    return _bases_of_open(body.mesh, body.material, view)
 
 
 def _faces(mesh: Mesh, view: LightView) -> tuple[Int32, Float64]:
     """Where light ends on the mesh itself, with room for the slope of what a pixel covers."""
     sight, _ = plain_sight(mesh, view)
     return sight.pixel, sight.distance + _room(view, sight.view[:, 2])
+
+
+def _bases_of_open(mesh: Mesh, structure: Mesostructure, view: LightView) -> tuple[Int32, Float64]:
+    """Where light ends under the mesh's nearest faces, all of which it meets."""
+    sight, fragments = plain_sight(mesh, view)
+    entry, _ = entries(mesh, fragments, view)
+    return sight.pixel, sight.distance + base(structure, entry) + _room(view, entry.view[:, 2])
 
 
 def _bases(mesh: Mesh, structure: Mesostructure, view: LightView) -> tuple[Int32, Float64]:

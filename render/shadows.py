@@ -64,7 +64,7 @@ def _draw(card: Card, scene: Scene, view: LightView, target: Target) -> None:
     target.some(0).clear(red=FAR)
     target.some(1).clear()
     rays = light_rays(view, scene.positions)
-    closed = [body for body in wrapped_bodies(scene.bodies) if body.closed]
+    wrapped = wrapped_bodies(scene.bodies)
 
     def draw_base(structure: Mesostructure, number: int, images: dict[str, moderngl.Texture]) -> None:
         binding = card.binding(structure)
@@ -77,10 +77,10 @@ def _draw(card: Card, scene: Scene, view: LightView, target: Target) -> None:
         target.some(0, 1).use()
         card.fill(program)
 
-    if closed:
-        Layers(card, rays, target.images[1]).peel(closed, (), draw_base)
-    bent = [body.mesh for body in closed]
-    _draw_faces(card, [body.mesh for body in scene.bodies if body.mesh not in bent], rays, view, target)
+    if wrapped:
+        Layers(card, rays, target.images[1]).peel(wrapped, (), draw_base)
+    plain = [body.mesh for body in scene.bodies if not isinstance(body.material, Mesostructure)]
+    _draw_faces(card, plain, rays, view, target)
 
 
 def _draw_faces(card: Card, meshes: Sequence[Mesh], rays: Rays, view: LightView, target: Target) -> None:

@@ -72,6 +72,7 @@ Hit hit_here(Ray ray) {
     bool reached;
     float base = distance_to(arc, arc.scale * deepest, reached);
     hit.base = reached ? place.x + base : FAR;
+    hit.passed = FAR;
     if (along.w > 0.0) {
         vec4 back = texelFetch(back_place, pixel, 0);
         hit.passed = back.x > place.x ? back.x : FAR;

@@ -58,6 +58,25 @@ def test_a_convex_body_throws_no_shadow_on_the_side_that_it_turns_to_the_light(e
         assert (lit[turned] > 1.0 - 1e-9).all()
 
 
+def test_a_floor_of_relief_throws_no_shadow_on_itself():
+    """Its points lie deeper than the mesh, and deeper than what a fine map leaves room for."""
+    bodies = (Body(floor_under(0.0), level(0.2)),)
+    toward = light(0.4, 0.7).direction
+    camera = look_at((0.0, -9.0, 9.0), (0, 0, 0), (40, 30), field_of_view_rad=0.3)
+    sight = relief_sight(bodies[0].mesh, bodies[0].material, camera)
+    assert (shadow_map(bodies, toward, 256).lit(sight.point) > 1.0 - 1e-9).all()
+
+
+def test_on_the_card_a_floor_of_relief_throws_no_shadow_on_itself_either(gl):
+    bodies = (Body(floor_under(0.0), level(0.2)),)
+    camera = look_at((0.0, -9.0, 9.0), (0, 0, 0), (40, 30), field_of_view_rad=0.3)
+    with_shadows, without = (
+        gl.draw(Scene(bodies, camera, (light(0.4, 0.7),), shadows=shadows)).radiance for shadows in (True, False)
+    )
+    assert without.max() > 0.0
+    np.testing.assert_allclose(with_shadows, without, rtol=1e-5)
+
+
 def test_a_torus_shades_its_own_far_side(egg_tray):
     """Light along its plane reaches the near half of the ring from outside only."""
     ring = torus(1.0, 0.3, shape=(16, 40))

@@ -38,6 +38,7 @@ from service.pictures import (
 ANIMATED = (".webp", ".gif", ".apng")
 FRAMES = 24
 _FLOOR = 3.0  # side of a floor, in lengths of what stands on it
+_AMBIENT = (0.1, 0.1, 0.1)  # in shadows a form is still to be seen
 # Pictures under these lie within 3 % (rms, of the mean) of those under all pixels: `rig bench srf`.
 ENVIRONMENT_LIGHTS = 64
 SKIN_MESH = "mesh.glb"  # beside an SRF that was made for this mesh alone
@@ -174,8 +175,10 @@ def _scene(material: Material, mesh: Mesh, lights: tuple[Light, ...], size: int,
     else:
         azimuth_deg, elevation_deg = -35.0, 38.0
     camera = framed(mesh, (size, size), azimuth_rad=radians(azimuth_deg), elevation_rad=radians(elevation_deg))
-    bodies = [Body(mesh, material), *([Body(_floor(mesh), material)] if floor else [])]
-    return Scene(tuple(bodies), camera, lights, shadows=floor or isinstance(material, Mesostructure))
+    if not floor and not isinstance(material, Mesostructure):
+        return Scene.of(mesh, material, camera, lights)
+    bodies = (Body(mesh, material), *([Body(_floor(mesh), material)] if floor else []))
+    return Scene(bodies, camera, lights, ambient=_AMBIENT, shadows=True)
 
 
 def _floor(mesh: Mesh) -> Mesh:

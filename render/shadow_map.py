@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from processing.products import Mesostructure
-from processing.products.texture import bilinear_taps
+from processing.products import Mesostructure, bilinear_taps
 from render.arrays import Float64, Int32, Rows
 from render.closed_mesh import is_closed
 from render.light_view import SIDE_PX, LightView, light_view

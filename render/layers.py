@@ -16,12 +16,14 @@ from render.programs import bind, set_uniform
 from render.rays import Rays
 from render.scene import Body
 
+# A ray goes in and out of a mesh no more often than this: no scene asks for it, but rounding might.
 MOST_LAYERS = 64
 # Farther than anything, as in march.glsl.
 FAR = 1e30
 
-# Draws what the rays of a layer meet: material, its number in the layer's images, and these images by their names.
-Ask = Callable[[Mesostructure, int, dict[str, moderngl.Texture]], None]
+QUICK, THOROUGH = frozenset[str](), frozenset({"THOROUGH"})
+# Makes the program ready that draws what rays meet of a material: with these defines, and with the layer's images.
+Prepare = Callable[[Mesostructure, frozenset[str], dict[str, moderngl.Texture]], moderngl.Program]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,17 +46,18 @@ def wrapped_bodies(bodies: Sequence[Body]) -> list[Wrapped]:
 
 @dataclass(frozen=True)
 class Layers:
-    """The rays of one view, and images for where they enter and leave.
+    """The rays of one view, and what is made of them.
 
-    `passed` is the image in which `ask` leaves how far each ray is known to meet nothing, and FAR where it is decided.
+    `target` holds the images to be drawn; in the last of them shaders mark the pixels that are decided.
     """
 
     card: Card
     rays: Rays
-    passed: moderngl.Texture
+    target: Target
+    most: int = MOST_LAYERS
 
-    def peel(self, bodies: Sequence[Wrapped], hiding: Sequence[Mesh], ask: Ask) -> int:
-        """Ask of layer after layer until no front face is left; the number of layers.
+    def peel(self, bodies: Sequence[Wrapped], hiding: Sequence[Mesh], prepare: Prepare) -> int:
+        """Draw what rays meet, layer after layer, until no front face is left, or until the most; their number.
 
         `hiding` meshes hide what lies behind them.
         """
@@ -63,32 +66,82 @@ class Layers:
         front, back = (self.card.target(side, self.rays.size, (4, 4, 4)) for side in ("front", "back"))
         images = _named(front, "front") | _named(back, "back")
         back.some(0).clear()
-        for layer in range(MOST_LAYERS):
-            if not self._fronts(front, bodies, numbers, hiding):
+        self.target.some(self._last).clear()
+        for layer in range(self.most):
+            self._start(front, first=layer == 0)
+            if not self._fronts(front, bodies, numbers, back.images[0], hiding):
                 return layer
+            self._start(back, first=layer == 0)
+            back.some(0).clear(red=FAR)
             self._backs(back, bodies, numbers, front.images[0])
-            for key, structure in structures.items():
-                ask(structure, numbers[key], images)
-        return MOST_LAYERS
+            # After the first layer few rays are left, and most of them pass near the back.
+            for variant in (QUICK, THOROUGH) if layer == 0 else (THOROUGH,):
+                self._mark_waiting(front)
+                for key, structure in structures.items():
+                    program = prepare(structure, variant, images)
+                    set_uniform(program, "number", float(numbers[key]))
+                    self._fill(program)
+        return self.most
+
+    @property
+    def _last(self) -> int:
+        return len(self.target.images) - 1
+
+    def _start(self, target: Target, *, first: bool) -> None:
+        """Clear the depth buffer; what is decided lies before everything, so that it is left out early."""
+        target.some(deep=True).clear(depth=1.0)
+        if not first:
+            self._fill_depth("undecided.frag", target, {"decided": self.target.images[-1]})
+
+    def _mark_waiting(self, front: Target) -> None:
+        images = {"front_place": front.images[0], "decided": self.target.images[-1]}
+        self._fill_depth("waiting.frag", self.target, images)
+
+    def _fill_depth(self, fragment: str, target: Target, images: dict[str, moderngl.Texture]) -> None:
+        """Let a shader write the depth buffer."""
+        context = self.card.context
+        context.enable_only(moderngl.DEPTH_TEST)
+        context.depth_func = "1"
+        program = self.card.program("screen.vert", fragment)
+        bind(program, images)
+        target.some(deep=True).use()
+        self.card.fill(program)
+        context.depth_func = "<"
+
+    def _fill(self, program: moderngl.Program) -> None:
+        """Draw all images of the target where its depth buffer says that something waits."""
+        context = self.card.context
+        context.enable_only(moderngl.DEPTH_TEST)
+        context.depth_func = ">"
+        framebuffer = self.target.whole
+        framebuffer.depth_mask = False
+        framebuffer.use()
+        self.card.fill(program)
+        framebuffer.depth_mask = True
+        context.depth_func = "<"
 
     def _fronts(
-        self, target: Target, bodies: Sequence[Wrapped], numbers: dict[int, int], hiding: Sequence[Mesh]
+        self,
+        target: Target,
+        bodies: Sequence[Wrapped],
+        numbers: dict[int, int],
+        beyond: moderngl.Texture,
+        hiding: Sequence[Mesh],
     ) -> bool:
-        """Draw the nearest front faces beyond what is passed; whether there are any."""
+        """Draw the nearest front faces beyond a distance; whether there are any."""
         context = self.card.context
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        target.some(0, 2).clear(red=FAR)
-        depth = target.some(deep=True)
-        depth.use()
-        depth.clear(depth=1.0)
-        program = self.card.program("surface.vert", "depth.frag")
-        set_rays(program, self.rays)
-        for mesh in hiding:
-            self.card.draw(program, mesh)
+        target.some(0).clear(red=FAR)
+        if hiding:
+            target.some(deep=True).use()
+            program = self.card.program("surface.vert", "depth.frag")
+            set_rays(program, self.rays)
+            for mesh in hiding:
+                self.card.draw(program, mesh)
         target.whole.use()
         query = context.query(samples=True)
         with query:
-            self._draw(bodies, numbers, self.passed)
+            self._draw(bodies, numbers, beyond)
         return bool(query.samples)
 
     def _backs(
@@ -96,7 +149,7 @@ class Layers:
     ) -> None:
         """Draw the nearest back faces beyond the front faces."""
         context = self.card.context
-        target.some(deep=True).clear(depth=1.0)
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         target.whole.use()
         context.cull_face = "front"
         self._draw(bodies, numbers, fronts)

@@ -86,7 +86,7 @@ class Target:
         return self.some(*range(len(self.images)), deep=True)
 
     def some(self, *which: int, deep: bool = False) -> moderngl.Framebuffer:
-        """The images that are named, in this order, and the depth buffer if it is wanted."""
+        """The images that are named, in this order, without the depth buffer unless it is wanted."""
         key = deep, which
         if key not in self.framebuffers:
             attached = [self.images[number] for number in which]

@@ -11,7 +11,7 @@ from processing.products import Mesostructure
 from render.arrays import Bool, Float32
 from render.camera import Camera, rows_from_gl
 from render.context import open_context, renderer_name
-from render.layers import Layers, Wrapped, set_rays, wrapped_bodies
+from render.layers import MOST_LAYERS, Layers, Wrapped, set_rays, wrapped_bodies
 from render.light_view import SIDE_PX
 from render.materials import Material
 from render.mesh import Mesh
@@ -44,16 +44,17 @@ class GBuffer:
 class GlRenderer:
     """Draws scenes with OpenGL; used by one thread at a time. Raises GlUnavailableError where there is no GL.
 
-    Shadow maps have `shadow_side_px` pixels along each side. `layers` tells how many layers of rays the last picture
-    took where samples of known depth were in it.
+    Shadow maps have `shadow_side_px` pixels along each side. Rays are followed through `most_layers` of wrapped meshes;
+    `layers` tells how many the last picture took.
     """
 
     affordable_supersampling = 2
 
-    def __init__(self, shadow_side_px: int = SIDE_PX) -> None:
+    def __init__(self, shadow_side_px: int = SIDE_PX, most_layers: int = MOST_LAYERS) -> None:
         self.context = open_context()
         self.name = renderer_name(self.context)
         self.shadow_side_px = shadow_side_px
+        self.most_layers = most_layers
         self.layers = 0
         self._card = Card(self.context)
 
@@ -115,7 +116,7 @@ class GlRenderer:
         return self._card.target("picture", size, (4,) * images + (1,))
 
     def _draw(self, scene: Scene, defines: frozenset[str], target: Target) -> None:
-        shadows = shadow_maps(self._card, scene, self.shadow_side_px) if scene.shadows else None
+        shadows = shadow_maps(self._card, scene, self.shadow_side_px, self.most_layers) if scene.shadows else None
         frame = _Frame(
             scene, camera_rays(scene.camera, scene.positions), shadows, defines | {"SHADOWS"} if shadows else defines
         )
@@ -141,16 +142,13 @@ class GlRenderer:
 
     def _draw_wrapped(self, frame: "_Frame", bodies: Sequence[Wrapped], hiding: Sequence[Mesh], target: Target) -> None:
         """All bodies that are covered with samples of known depth, as far as other meshes do not hide them."""
-        target.some(len(target.images) - 1).clear()
 
-        def draw_met(structure: Mesostructure, number: int, images: dict[str, moderngl.Texture]) -> None:
-            program = self._program(frame, "screen.vert", structure, set(), images)
-            set_uniform(program, "number", float(number))
-            self.context.enable_only(moderngl.NOTHING)
-            target.some(*range(len(target.images))).use()
-            self._card.fill(program)
+        def prepare(
+            structure: Mesostructure, variant: frozenset[str], layer: dict[str, moderngl.Texture]
+        ) -> moderngl.Program:
+            return self._program(frame, "screen.vert", structure, variant, layer)
 
-        self.layers = Layers(self._card, frame.rays, target.images[-1]).peel(bodies, hiding, draw_met)
+        self.layers = Layers(self._card, frame.rays, target, self.most_layers).peel(bodies, hiding, prepare)
 
 
 @dataclass(frozen=True)

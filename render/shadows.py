@@ -35,7 +35,7 @@ class ShadowMaps:
         set_uniform(program, "shadow_windows", self.windows)
 
 
-def shadow_maps(card: Card, scene: Scene, side_px: int) -> ShadowMaps:
+def shadow_maps(card: Card, scene: Scene, side_px: int, most_layers: int) -> ShadowMaps:
     """How far the light of each of the scene's lights comes."""
     views = [
         light_view(each.direction, [body.mesh.positions for body in scene.bodies], side_px) for each in scene.lights
@@ -44,12 +44,12 @@ def shadow_maps(card: Card, scene: Scene, side_px: int) -> ShadowMaps:
     corners = [(number % columns * side_px, number // columns * side_px) for number in range(len(views))]
     single = card.target("reach", (side_px, side_px), (1, 1))
     if len(views) == 1:
-        _draw(card, scene, views[0], single)
+        _draw(card, scene, views[0], single, most_layers)
         texture = single.images[0]
     else:
         together = card.target("reaches", (columns * side_px, (corners[-1][1] // side_px + 1) * side_px), (1,))
         for view, corner in zip(views, corners, strict=True):
-            _draw(card, scene, view, single)
+            _draw(card, scene, view, single, most_layers)
             _copy(card, single.images[0], together, corner)
         texture = together.images[0]
     # Ambient light may be one light more, which nothing shades: no place is in its window of no size.
@@ -59,26 +59,23 @@ def shadow_maps(card: Card, scene: Scene, side_px: int) -> ShadowMaps:
     return ShadowMaps(texture, rows, windows)
 
 
-def _draw(card: Card, scene: Scene, view: LightView, target: Target) -> None:
+def _draw(card: Card, scene: Scene, view: LightView, target: Target, most_layers: int) -> None:
     """The map of one light, in the first image of the target; the second is for the peeling."""
     target.some(0).clear(red=FAR)
-    target.some(1).clear()
     rays = light_rays(view, scene.positions)
     wrapped = wrapped_bodies(scene.bodies)
 
-    def draw_base(structure: Mesostructure, number: int, images: dict[str, moderngl.Texture]) -> None:
-        binding = card.binding(structure)
-        program = card.program("screen.vert", "base.frag")
-        binding.use(program, images)
+    def prepare(
+        structure: Mesostructure, variant: frozenset[str], images: dict[str, moderngl.Texture]
+    ) -> moderngl.Program:
+        program = card.program("screen.vert", "base.frag", variant)
+        card.binding(structure).use(program, images)
         set_rays(program, rays)
-        set_uniform(program, "number", float(number))
         set_uniform(program, "pixel", view.pixel)
-        card.context.enable_only(moderngl.NOTHING)
-        target.some(0, 1).use()
-        card.fill(program)
+        return program
 
     if wrapped:
-        Layers(card, rays, target.images[1]).peel(wrapped, (), draw_base)
+        Layers(card, rays, target, most_layers).peel(wrapped, (), prepare)
     plain = [body.mesh for body in scene.bodies if not isinstance(body.material, Mesostructure)]
     _draw_faces(card, plain, rays, view, target)
 

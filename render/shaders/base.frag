@@ -5,10 +5,22 @@
 #include "room.glsl"
 
 layout(location = 0) out vec4 reach;
-layout(location = 1) out vec4 passed;
+layout(location = 1) out vec4 decided;
 
 void main() {
-    Hit hit = hit_here(ray_here());
-    reach = vec4(hit.found ? min(hit.base + room(hit.cosine), hit.passed) : FAR);
-    passed = vec4(hit.found ? FAR : hit.passed);
+    Interval interval = interval_here(ray_here().toward);
+    bool reached;
+    float base = distance_to(interval.arc, interval.arc.scale * deepest, reached);
+#ifdef THOROUGH
+    Meeting meeting = march(interval.entry, interval.arc);
+    bool met = meets(interval, meeting.found, meeting.distance);
+#else
+    // Whatever stands on the base is met no later: nothing need be looked up.
+    bool met = meets(interval, reached, base);
+#endif
+    if (!met) {
+        discard;
+    }
+    reach = vec4(min(reached ? interval.start + base + room(interval.entry.view.z) : FAR, interval.end));
+    decided = vec4(1.0);
 }

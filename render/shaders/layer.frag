@@ -19,7 +19,7 @@ layout(location = 2) out vec4 along;     // t times the length of a tile along i
 void main() {
     Ray ray = ray_here();
     float distance = dot(ray.start - surface_point, ray.toward);
-    if (distance <= texelFetch(beyond, ivec2(gl_FragCoord.xy), 0).r) {
+    if (distance <= textureLod(beyond, gl_FragCoord.xy / vec2(textureSize(beyond, 0)), 0.0).r) {
         discard;
     }
     mat3 frame = tangent_frame(surface_normal, surface_tangent);

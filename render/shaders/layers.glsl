@@ -1,4 +1,6 @@
 // One interval of the rays inside a mesh, as layer.frag wrote it, and whether its sample is met there (render/march.py).
+// It is asked twice: without THOROUGH only what needs no look-up at the back is answered. Software rasterisers run both
+// sides of a branch, but leave out pixels that the depth buffer rejects.
 #include "march.glsl"
 #include "rays.glsl"
 
@@ -10,17 +12,14 @@ uniform sampler2D back_upward;
 uniform sampler2D back_along;
 uniform float number;
 
-struct Hit {
-    bool found;
-    float distance;    // from the ray's start
-    float passed;      // how far the ray is known to meet nothing, if it does not
-    vec2 uv;
-    vec3 view;
-    mat3 frame;
-    vec3 tile;         // lengths of a tile along the frame
-    float entry;       // distance at which the ray enters, and by which it has come to the lowest depth or left again
-    float base;
-    float cosine;      // to the normal where it enters
+struct Interval {
+    Entry entry;
+    Arc arc;
+    Entry back;
+    Arc back_arc;
+    float start;
+    float end;
+    bool open;
 };
 
 Entry entry_of(vec4 place, vec4 upward, vec4 along, vec3 toward) {
@@ -34,49 +33,44 @@ Entry entry_of(vec4 place, vec4 upward, vec4 along, vec3 toward) {
     return entry;
 }
 
-// Whether the sample is met before the ray leaves the mesh: march.meets.
-bool meets(Meeting front, vec4 back_face, float length, vec3 toward) {
-    ivec2 pixel = ivec2(gl_FragCoord.xy);
-    Entry back = entry_of(back_face, texelFetch(back_upward, pixel, 0), texelFetch(back_along, pixel, 0), -toward);
-    Arc arc = arc_of(back);
-    bool reached;
-    bool met = front.found && front.distance + distance_to(arc, arc.scale * deepest, reached) <= length;
-    // Else what is at the back may lie so deep that it matters.
-    if (!met) {
-        Meeting behind = march(back, arc);
-        met = (front.found || behind.found) && front.distance + behind.distance <= length;
-    }
-    return met;
-}
-
 // Discards pixels that no front face of the material's meshes covers.
-Hit hit_here(Ray ray) {
-    ivec2 pixel = ivec2(gl_FragCoord.xy);
-    vec4 along = texelFetch(front_along, pixel, 0);
-    if (abs(along.w) != number) {
+Interval interval_here(vec3 toward) {
+    vec2 at = gl_FragCoord.xy / vec2(textureSize(front_place, 0));
+    vec4 along = textureLod(front_along, at, 0.0);
+    vec4 place = textureLod(front_place, at, 0.0), back = textureLod(back_place, at, 0.0);
+    if (abs(along.w) != number || place.x >= FAR) {
         discard;
     }
-    vec4 place = texelFetch(front_place, pixel, 0);
-    Entry entry = entry_of(place, texelFetch(front_upward, pixel, 0), along, ray.toward);
-    Arc arc = arc_of(entry);
-    Meeting meeting = march(entry, arc);
-    Hit hit;
-    hit.found = true;
-    hit.distance = place.x + meeting.distance;
-    hit.uv = meeting.uv;
-    hit.view = meeting.view;
-    hit.frame = turned_frame(entry, arc, meeting);
-    hit.tile = vec3(entry.stretch, arc.scale);
-    hit.entry = place.x;
-    hit.cosine = entry.view.z;
+    Interval interval;
+    interval.entry = entry_of(place, textureLod(front_upward, at, 0.0), along, toward);
+    interval.arc = arc_of(interval.entry);
+    interval.back = entry_of(back, textureLod(back_upward, at, 0.0), textureLod(back_along, at, 0.0), -toward);
+    interval.back_arc = arc_of(interval.back);
+    interval.start = place.x;
+    interval.open = along.w < 0.0;
+    interval.end = interval.open ? FAR : back.x;
+    return interval;
+}
+
+// How far back from where it leaves the mesh the ray is known to meet something, or to have passed the back by.
+float reach_at_back(Interval interval) {
     bool reached;
-    float base = distance_to(arc, arc.scale * deepest, reached);
-    hit.base = reached ? place.x + base : FAR;
-    hit.passed = FAR;
-    if (along.w > 0.0) {
-        vec4 back = texelFetch(back_place, pixel, 0);
-        hit.passed = back.x > place.x ? back.x : FAR;
-        hit.found = back.x > place.x && meets(meeting, back, back.x - place.x, ray.toward);
+    return distance_to(interval.back_arc, interval.back_arc.scale * deepest, reached);
+}
+
+// Whether the sample is met before the ray leaves the mesh: march.meets. False is no answer without THOROUGH.
+bool meets(Interval interval, bool found, float distance) {
+    float length = interval.end - interval.start;
+    if (interval.open) {
+        return true;
     }
-    return hit;
+    if (interval.end >= FAR) {
+        return false;
+    }
+#ifdef THOROUGH
+    Meeting behind = march(interval.back, interval.back_arc);
+    return (found || behind.found) && distance + behind.distance <= length;
+#else
+    return found && distance + reach_at_back(interval) <= length;
+#endif
 }

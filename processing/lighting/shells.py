@@ -69,7 +69,7 @@ class Shells:
         """
         found = np.empty((len(points), 8), np.int32), np.empty((len(points), 8), np.float32)
         out = np.zeros(len(self), np.bool_) if left_out is None else left_out
-        _cells(np.asarray(points, np.float64) - self.centre, self.radii, self._around, out, *found)
+        _cells(np.asarray(points, np.float64) - self.centre, self.radii, self.neighbours, out, *found)
         return found
 
     @cached_property
@@ -79,7 +79,7 @@ class Shells:
         return np.concatenate([_on_face(face, column, row).reshape(-1, 3) for face in range(6)])
 
     @cached_property
-    def _around(self) -> Int32:
+    def neighbours(self) -> Int32:
         """Numbers (6, resolution + 2, resolution + 2) on one sphere with the neighbours beyond each edge; -1 beyond
         corners, where only three points meet."""
         n = self.resolution
@@ -114,15 +114,15 @@ def _number(directions: Float64, resolution: int) -> Int32:
 
 
 @numba.njit(cache=True, nogil=True)
-def _cells(places: Float64, radii: Float64, around: Int32, left_out: Bool, index: Int32, weight: Float32) -> None:
+def _cells(places: Float64, radii: Float64, neighbours: Int32, left_out: Bool, index: Int32, weight: Float32) -> None:
     for i in range(len(places)):
-        find_cell(places[i], radii, around, left_out, index[i], weight[i])
+        find_cell(places[i], radii, neighbours, left_out, index[i], weight[i])
 
 
 @numba.njit(cache=True, nogil=True)
-def find_cell(place: Float64, radii: Float64, around: Int32, left_out: Bool, index: Int32, weight: Float32) -> None:
+def find_cell(place: Float64, radii: Float64, neighbours: Int32, left_out: Bool, index: Int32, weight: Float32) -> None:
     """Write the eight numbers and weights around one place (3,), seen from the centre: see `Shells.cells`."""
-    resolution = around.shape[1] - 2
+    resolution = neighbours.shape[1] - 2
     axis = 0
     for k in range(1, 3):
         if abs(place[k]) > abs(place[axis]):
@@ -144,7 +144,7 @@ def find_cell(place: Float64, radii: Float64, around: Int32, left_out: Bool, ind
     total, seen = 0.0, 0.0
     for corner in range(8):
         high, down, right = corner >> 2, corner >> 1 & 1, corner & 1
-        number = around[face, row + down, column + right]
+        number = neighbours[face, row + down, column + right]
         if number >= 0:
             index[corner] = number + (depth + high) * shell
             share = (outer if high else 1 - outer) * (v if down else 1 - v) * (u if right else 1 - u)

@@ -14,6 +14,7 @@ from simulators.samples.bodies import terrain
 from tests.benchmarks.yardsticks.bands import BAND_PX, flip_map, mask_iou, shadow_band, silhouette_band
 from tests.benchmarks.yardsticks.covered import Covered
 from tests.benchmarks.yardsticks.displaced import NOTHING, Displaced, TruePicture
+from tests.benchmarks.yardsticks.mitsuba_displaced import matt, rendered
 from tests.benchmarks.yardsticks.sample_periods import Period, period
 
 SEED, ALBEDO = 3, 0.5
@@ -90,6 +91,23 @@ def test_a_ball_throws_its_shadow_on_the_floor_and_its_own_relief_throws_none_fr
     assert np.hypot(row, column) == pytest.approx(0.6 / np.tan(np.radians(60)), abs=0.15)
     assert np.all(seen.picture.radiance[on_floor & (seen.shadow == 1)] == 0)
     assert not np.nan_to_num(seen.shadow[seen.body == 0]).any()
+
+
+def test_mitsuba_sees_the_same():
+    """Another tracer and another way to shade; its samples in a pixel lie elsewhere, so edges differ by a few of 64."""
+    pytest.importorskip("mitsuba", reason="Mitsuba is not installed")
+    x, y = np.meshgrid(*2 * [np.arange(24) / 24 * 2 * np.pi])
+    values = np.dstack([0.4 + 0.3 * np.sin(x), 0.4 + 0.3 * np.cos(y), 0.5 + 0.0 * x, 0.05 + 0.0 * x, 0.4 + 0.0 * x])
+    ground = terrain(0.06 * np.cos(x) * np.sin(y) - 0.06, values, 1.0)
+    waves = Period(ground.vertices, ground.faces, ground.normals, ground.surface, 1e-4)
+    ball = Displaced([matt(Covered(cylinder_surface(0.5, 6.0), (6, 12), waves))])
+    camera, sun = look_at([3.0, 0.0, 1.0], [0.0, 0.0, 0.0], (48, 36), field_of_view_rad=0.4), light(0.5, 0.5, 2.0)
+    ours, other = ball.seen(camera, [sun], 8).picture, rendered(ball, camera, sun, 64)
+    assert mask_iou(ours, other) > 0.98
+    inside = (ours.coverage == 1) & (other.coverage == 1)
+    away = np.abs(ours.radiance - other.radiance)[inside].max(axis=1)
+    assert np.median(away) < 0.02 * ours.radiance[inside].mean()
+    assert flip_map(ours, other).mean() < 0.03
 
 
 def _disc(radius: float, level: float = 1.0, size: int = 90) -> Picture:

@@ -3,7 +3,7 @@
 How it is bent is told in `covered`. Light is distant, meets the surface once, and is shadowed by all bodies.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -76,6 +76,18 @@ class Displaced:
             vertices = body.points(body.sample.vertices, np.array([tile])).astype(np.float32)
             meshes.append(TriangleMesh(scene, vertices, body.sample.faces.astype(np.int32)))
         return scene, meshes
+
+    def pieces(self) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """Vertices (v, 3), faces (f, 3), unit normals (v, 3) and albedo (v, 3) of one tile after another."""
+        for number, tile in self._tiles:
+            body, where = self.bodies[number], np.array([tile])
+            sample = body.sample
+            yield (
+                body.points(sample.vertices, where),
+                sample.faces,
+                body.normals(sample.vertices, where, sample.normals),
+                sample.surface[:, :3],
+            )
 
     def seen(self, camera: Camera, lights: Sequence[Light], supersampling: int = 4) -> TruePicture:
         """The picture as the mean of `supersampling` squared rays to a pixel; every light's shadows are traced."""

@@ -15,6 +15,7 @@ from tests.benchmarks.yardsticks.btf_samples import PLANES_M
 from tests.benchmarks.yardsticks.material_samples import rings
 
 Array = NDArray[Any]
+_Ways = tuple[tuple[float, ...], ...]
 
 _KEPT = 8
 _CODES = 255
@@ -30,7 +31,7 @@ def mesostructure(
     terms are those of least error with the cosine inside: without it a few glints under low lights take them all, and
     a brick of 61 x 61 directions is drawn a quarter too dark with four.
     """
-    return _mesostructure((sample, seed, texels, rank, rays), _hashable(lights), _hashable(views))
+    return _mesostructure((sample, seed, texels, rays), (_hashable(lights), _hashable(views)), rank)
 
 
 def polar_grid(azimuths: int, polar_deg: tuple[float, ...]) -> Array:
@@ -39,20 +40,28 @@ def polar_grid(azimuths: int, polar_deg: tuple[float, ...]) -> Array:
 
 
 @lru_cache(maxsize=_KEPT)
-def _mesostructure(
-    which: tuple[str, int, int, int, int], lights: tuple[Any, ...], views: tuple[Any, ...]
-) -> Mesostructure:
-    sample, seed, texels, rank, rays = which
-    ways, plane_m = (np.array(lights), np.array(views)), PLANES_M[sample]
-    period_m = one_period(sample, seed, ways)[1]
-    cosine = ways[0][:, 2].astype(np.float32).reshape(-1, 1, 1, 1, 1)
-    lit = factor_btf(Btf(btf_below(sample, seed, ways, texels, rays, plane_m) * cosine, *ways), rank).btf
-    factored = replace(lit, eigenmaps=lit.eigenmaps / cosine[:, 0])
-    deep = depths(sample, seed, ways[1], texels, plane_m) / period_m
+def _mesostructure(which: tuple[str, int, int, int], ways: tuple[_Ways, _Ways], rank: int) -> Mesostructure:
+    sample, seed = which[:2]
+    lit, deep = _measured(which, ways)
+    cosine = lit.light_directions[:, 2].astype(np.float32).reshape(-1, 1, 1, 1)
+    factored = factor_btf(lit, rank).btf
     step = float(np.nanmax(deep)) / _CODES
     codes = np.rint(np.nan_to_num(deep, nan=step * _CODES) / step).astype(np.uint8)
-    return Mesostructure(factored, codes, step, DirectionMesh.from_directions(ways[1]), plane_m / period_m)
+    plane = PLANES_M[sample] / one_period(sample, seed, (lit.light_directions, lit.view_directions))[1]
+    mesh = DirectionMesh.from_directions(lit.view_directions)
+    return Mesostructure(replace(factored, eigenmaps=factored.eigenmaps / cosine), codes, step, mesh, plane)
 
 
-def _hashable(directions: Array) -> tuple[Any, ...]:
+@lru_cache(maxsize=2)
+def _measured(which: tuple[str, int, int, int], ways: tuple[_Ways, _Ways]) -> tuple[Btf, Array]:
+    """The BTF with the cosine inside, and depths in periods."""
+    sample, seed, texels, rays = which
+    lights, views = map(np.array, ways)
+    plane_m, period_m = PLANES_M[sample], one_period(sample, seed, (lights, views))[1]
+    values = btf_below(sample, seed, (lights, views), texels, rays, plane_m)
+    values *= lights[:, 2].astype(np.float32).reshape(-1, 1, 1, 1, 1)
+    return Btf(values, lights, views), depths(sample, seed, views, texels, plane_m) / period_m
+
+
+def _hashable(directions: Array) -> _Ways:
     return tuple(map(tuple, directions.tolist()))

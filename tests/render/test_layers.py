@@ -20,7 +20,7 @@ from tests.render.reliefs import level, relief, waves
 SIZE = (100, 80)
 SHADOW_PX = 96
 KEY = light(-0.4, 0.7)
-# Of the pixels: a line of single ones along a tenth of all edges.
+# Of the pixels: single ones along the edges.
 FEW = 0.01
 
 
@@ -43,7 +43,7 @@ def scene(*bodies: Body, elevation_rad: float = 0.5, **kind) -> Scene:
 
 def floor(height: float, tiles: float = 2.0):
     mesh = plane(5.0, tiles=(tiles, tiles))
-    return replace(mesh, positions=mesh.positions + [0.0, 0.0, height])
+    return replace(mesh, positions=mesh.positions + np.array([0.0, 0.0, height]))
 
 
 def assert_same(drawn: Picture, reference: Picture) -> None:
@@ -70,7 +70,7 @@ def test_silhouettes_are_the_reference_s(gl, egg_tray, name):
 def test_shadows_are_the_reference_s(shading, egg_tray):
     """Of a wrapped torus on itself, on an open floor of the same sample, and on and by a plain sphere."""
     ball = sphere(0.3, shape=(12, 24))
-    above = replace(ball, positions=ball.positions + [0.0, 0.0, 0.9])
+    above = replace(ball, positions=ball.positions + np.array([0.0, 0.0, 0.9]))
     bodies = (
         Body(torus(shape=(24, 60)), egg_tray),
         Body(floor(-0.6), egg_tray),

@@ -40,12 +40,12 @@ def scene_of(mesh, material, *lights: Light) -> Scene:
 
 def held_by(renderer: GlRenderer) -> list[object]:
     """Everything that occupies memory of the card."""
-    targets = [target.framebuffer for target in renderer._targets.values()]
+    card = renderer._card
     return [
-        *(buffer for each in renderer._geometries.values() for buffer in (each.vertices, each.triangles)),
-        *(texture for each in renderer._materials.values() for texture in each.binding.textures.values()),
-        *(image for target in targets for image in (*target.color_attachments, target.depth_attachment, target)),
-        *renderer._programs.values(),
+        *(buffer for each in card._geometries.values() for buffer in (each.vertices, each.triangles)),
+        *(texture for each in card._materials.values() for texture in each.binding.textures.values()),
+        *(held for each in card._targets.values() for held in (*each.images, each.depth, *each.framebuffers.values())),
+        *card._programs.values(),
     ]
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from processing.products import FactoredBtf, SbrdfPlus, Srf
+from processing.products import FactoredBtf, Mesostructure, SbrdfPlus, Srf
 from render.errors import MaterialError
 from render.materials import Material
 from render.mesh import Mesh
 from render.picture import contact_sheet, exposure_for, save_animation, save_image
 from render.preview import Preview
-from render.scene import Scene, framed, light, orbiting_light
-from render.shapes import captured_sphere, plane, sphere, torus, vase
+from render.scene import Body, Scene, framed, light, orbiting_light
+from render.shapes import captured_sphere, knot, plane, sphere, torus, vase
 from render.srf import repeating
 
 _SHEET_FRAMES, _SHEET_COLUMNS = 8, 4
@@ -72,9 +72,9 @@ class Show:
 def scenes(material: Material, size: tuple[int, int]) -> dict[str, Show]:
     """Shows by name.
 
-    An SRF is shown on a sphere and a vase, a BTF, factored or as SBRDF+, on a plane and a torus. A sphere's map is
-    shown on the sphere that it was taken from, and mirrored at its borders on the vase. Raises MaterialError for
-    anything else.
+    An SRF is shown on a sphere and a vase, a BTF, factored or as SBRDF+, on a plane and a torus, and with its depths on
+    a torus and a knot, which throw shadows. A sphere's map is shown on the sphere that it was taken from, and mirrored
+    at its borders on the vase. Raises MaterialError for anything else.
     """
     if isinstance(material, Srf):
         ball = sphere() if material.wrap else captured_sphere()
@@ -88,7 +88,13 @@ def scenes(material: Material, size: tuple[int, int]) -> dict[str, Show]:
             f"{name}_plane": _show(plane(tiles=(2.0, 2.0)), material, size, _LYING),
             f"{name}_torus": _show(torus(), material, size, _RING),
         }
-    raise MaterialError(f"{type(material).__name__}: the showcase has scenes for Srf, FactoredBtf and SbrdfPlus")
+    if isinstance(material, Mesostructure):
+        return {
+            "relief_torus": _show(torus(), material, size, _RING),
+            "relief_knot": _show(knot(), material, size, _RING),
+        }
+    known = "Srf, FactoredBtf, SbrdfPlus and Mesostructure"
+    raise MaterialError(f"{type(material).__name__}: the showcase has scenes for {known}")
 
 
 def write_showcase(
@@ -133,4 +139,4 @@ def _show(mesh: Mesh, material: Material, size: tuple[int, int], stand: _Stand) 
     azimuth_rad, elevation_rad, light_azimuth_rad, light_elevation_rad, arc_rad = map(float, np.radians(astuple(stand)))
     camera = framed(mesh, size, azimuth_rad=azimuth_rad, elevation_rad=elevation_rad)
     key = light(azimuth_rad + light_azimuth_rad, light_elevation_rad)
-    return Show(Scene.of(mesh, material, camera, (key,)), arc_rad)
+    return Show(Scene((Body(mesh, material),), camera, (key,), shadows=isinstance(material, Mesostructure)), arc_rad)

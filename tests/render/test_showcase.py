@@ -9,11 +9,14 @@ from render.picture import exposure_for
 from render.preview import Preview
 from render.showcase import scenes, write_showcase
 from tests.render import synthetic
+from tests.render.reliefs import level
 
 
 @pytest.fixture
 def materials(srf, btf, sbrdf):
-    return {"repeating": srf, "captured": synthetic.stone(32, 32, wrap=False), "btf": btf, "sbrdf": sbrdf}
+    relief = level(0.05)
+    captured = synthetic.stone(32, 32, wrap=False)
+    return {"repeating": srf, "captured": captured, "btf": btf, "sbrdf": sbrdf, "relief": relief}
 
 
 @pytest.mark.parametrize(
@@ -23,6 +26,7 @@ def materials(srf, btf, sbrdf):
         ("captured", {"srf_sphere", "srf_vase"}),
         ("btf", {"btf_plane", "btf_torus"}),
         ("sbrdf", {"sbrdf_plane", "sbrdf_torus"}),
+        ("relief", {"relief_torus", "relief_knot"}),
     ],
 )
 def test_every_scene_is_written_as_still_sheet_and_animation(gl, tmp_path, materials, name, expected):

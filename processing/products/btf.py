@@ -23,9 +23,10 @@ _STORE = "btf.zarr"
 _DIRECTIONS_PER_CHUNK = 8
 _TEXELS_PER_CHUNK = 16
 _LARGEST_HALF = 65504.0
-_BLOCK = 1 << 23  # samples that are read at once, unless a row of chunks under 8 lights holds more
+_BLOCK = 1 << 21  # samples that are read at once, unless a row of chunks under 8 lights holds more
 
 _READERS = 2
+# LZ4 instead of Zstandard would save a fifth of the time of a reading, take 5 % more room, and miss damage.
 
 Block = tuple[slice, slice, Float32]
 

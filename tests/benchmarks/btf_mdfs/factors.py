@@ -12,6 +12,7 @@ texel are 2.95, 18.9 and 4.72 MB, not 1.3, 7.5 and 5.3, and bytes of the MDF 0.2
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -75,8 +76,10 @@ def _errors(texels: int, polar: int) -> tuple[list[Row], float]:
     ways = directions(polar)
     for sample in SAMPLES:
         btf = Btf(btf_below(sample, SEED, (ways, ways), texels, 1, PLANES_M[sample]), ways, ways)
+        most = {colour: factor_btf(btf, 12, colour).btf for colour in ("colour", "grey")}
         for rank, colour in TERMS:
-            factored = factor_btf(btf, rank, colour).btf
+            terms = most[colour]
+            factored = replace(terms, eigenmaps=terms.eigenmaps[:rank], weights=terms.weights[:rank])
             kinds = {"": factored}
             if rank in (RANK, 12):
                 kinds |= {", bytes": factored.coded(np.uint8), ", halves": factored.coded(np.float16)}

@@ -15,7 +15,7 @@ import pytest
 import typer
 
 from processing.errors import ProcessingError
-from render import materials, opengl
+from render import materials, on_card
 from render.comparison import gl_vs_reference
 from render.errors import GlUnavailableError
 from render.opengl import GlRenderer
@@ -138,7 +138,7 @@ def velvet(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(compile(files["render/velvet.py"], "render/velvet.py", "exec"), module.__dict__)
     monkeypatch.setitem(materials._MODULES, module.Velvet, module)
-    monkeypatch.setattr(opengl, "compile_program", partial(compile_program, folder=folder))
+    monkeypatch.setattr(on_card, "compile_program", partial(compile_program, folder=folder))
     return module.Velvet((0.4, 0.05, 0.1), 0.5)
 
 

@@ -12,7 +12,11 @@ ray enters, k the curvature, and t the way gone, all follow in closed form:
     seen from the surface a ray goes along it at a / q^2, since what lies deeper is shorter by q.
 
 In each point of the ray a straight line follows it in the sample's own frame, in tiles. The depth of what that line
-meets first is where the ray is looked at next; a few steps settle it.
+meets first is where the ray is looked at next. Two looks are enough: the first from where the ray enters.
+
+A line flatter than the lowest measured direction is asked as if it were raised to that. What the raised line meets, the
+flat one comes to at the same way along the surface, and higher: of the depth still to go, it loses the share that its
+slope is of the raised one's.
 """
 
 from dataclasses import dataclass
@@ -20,9 +24,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from processing.products import Mesostructure
-from render.arrays import Bool, Float64
+from render.arrays import Bool, Float64, unit
 
-STEPS = 3
+STEPS = 2
+# Of the raised line's slope: a level line would never come down, and what lies far ahead is out of its reach.
+_FLATTEST = 0.3
 # Of the depth of the lowest point: where the length of a tile changes along a ray, that point lies a little deeper.
 _UNDER = 1.25
 
@@ -94,8 +100,9 @@ def march(structure: Mesostructure, entry: Entry, steps: int = STEPS) -> Meeting
     distance = np.zeros(len(entry.uv))
     for _ in range(steps):
         place = _place(arc, distance)
-        uv, view = _line(structure, entry, arc, place)
-        depth = scale * structure.depth(uv, view)
+        uv, view, slope = _line(structure, entry, arc, place)
+        ahead = scale * structure.depth(uv, view) - place.depth
+        depth = place.depth + np.where(ahead > 0.0, slope, 1.0) * ahead
         found, distance = _distance(arc, depth, deepest)
     return Meeting(found, distance, deepest, uv, view, _turn(arc, place))
 
@@ -149,16 +156,22 @@ def _place(arc: _Arc, distance: Float64) -> _Place:
     return _Place(depth, foot, cosine, arc.sine / share**2, np.column_stack([up, aside]) / share[:, None])
 
 
-def _line(structure: Mesostructure, entry: Entry, arc: _Arc, place: _Place) -> tuple[Float64, Float64]:
-    """Where the straight lines along the rays cross the texels' plane (n, 2), and whence they come (n, 3), in tiles."""
+def _line(structure: Mesostructure, entry: Entry, arc: _Arc, place: _Place) -> tuple[Float64, Float64, Float64]:
+    """Where the straight lines along the rays cross the texels' plane (n, 2), and whence they come (n, 3), in tiles.
+
+    Both of lines that are raised where they are too flat; last, their own slope (n,) as a share of the raised one.
+    """
     scale = tile_scale(entry)
     tiles = arc.heading / entry.stretch
-    view = np.column_stack([-place.sine[:, None] * tiles, place.cosine / scale])
-    view = structure.views.raised(view / np.linalg.norm(view, axis=1, keepdims=True))
+    flat = unit(np.column_stack([-place.sine[:, None] * tiles, place.cosine / scale]))
+    view = structure.views.raised(flat)
     down = structure.plane - place.depth / scale
     step = place.foot[:, None] * tiles - view[:, :2] * (down / view[:, 2])[:, None]
+    lower = flat[:, 2] < structure.views.lowest
+    level, raised_level = (np.linalg.norm(each[:, :2], axis=1) for each in (flat, view))
+    share = flat[:, 2] * raised_level / np.where(lower, view[:, 2] * level, 1.0)
     # Texture coordinates run along t and against b.
-    return entry.uv + step * [1.0, -1.0], view
+    return entry.uv + step * [1.0, -1.0], view, np.where(lower, np.maximum(share, _FLATTEST), 1.0)
 
 
 def _distance(arc: _Arc, depth: Float64, deepest: Float64) -> tuple[Bool, Float64]:

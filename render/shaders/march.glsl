@@ -9,7 +9,8 @@ uniform float plane;                // depth of the texels, in tiles
 uniform sampler2D depth_cells;
 uniform usampler2D depth_regions;
 
-const int STEPS = 3;                // as in render/march.py
+const int STEPS = 2;                // as in render/march.py, and so the next
+const float FLATTEST = 0.3;
 const float FAR = 1e30;
 
 struct Entry {
@@ -85,10 +86,14 @@ Meeting march(Entry entry, Arc arc) {
         meeting.turn = vec2(up, aside) / share;
         float cosine = max(arc.cosine - arc.curvature * meeting.distance, 0.0) / share;
         vec3 view = vec3(-arc.sine / (share * share) * tiles, cosine / arc.scale);
-        meeting.view = raised(view * inversesqrt(dot(view, view)), lowest_depth_view);
+        vec3 flat_view = view * inversesqrt(dot(view, view));
+        meeting.view = raised(flat_view, lowest_depth_view);
         float down = plane - depth / arc.scale;
         meeting.uv = entry.uv + (foot * tiles - meeting.view.xy * (down / meeting.view.z)) * vec2(1.0, -1.0);
-        meeting.distance = distance_to(arc, arc.scale * depth_at(meeting.uv, meeting.view), meeting.found);
+        float ahead = arc.scale * depth_at(meeting.uv, meeting.view) - depth;
+        float slope = flat_view.z * length(meeting.view.xy) / max(meeting.view.z * length(flat_view.xy), 1e-9);
+        bool lower = flat_view.z < lowest_depth_view && ahead > 0.0;
+        meeting.distance = distance_to(arc, depth + (lower ? max(slope, FLATTEST) : 1.0) * ahead, meeting.found);
     } while (++step < STEPS);
     return meeting;
 }

@@ -33,9 +33,12 @@ def entries(cosine, heading_rad=0.0, bending=(0.0, 0.0, 0.0), stretch=(1.0, 1.0)
     steps=st.integers(1, 4),
 )
 def test_a_sphere_loses_exactly_its_depth(radius, share, heading_rad, steps):
-    """A sphere of one depth is a smaller sphere: rays at a distance from its middle meet it or pass it by."""
+    """A sphere of one depth is a smaller sphere: rays at a distance from its middle meet it or pass it by.
+
+    So it is for rays that enter no flatter than what was measured; the others are below.
+    """
     structure = level(share)
-    away = np.linspace(0.01, 0.99, 61)  # of the radius
+    away = np.linspace(0.01, 0.98, 61)  # of the radius: the lowest measured direction is 10 deg over the horizon
     cosine = np.sqrt(1 - away**2)
     bend = (1 / radius, 0.0, 1 / radius)
     meeting = march(structure, entries(cosine, heading_rad, bend, (radius, radius)), steps)
@@ -45,6 +48,15 @@ def test_a_sphere_loses_exactly_its_depth(radius, share, heading_rad, steps):
     expected = cosine - np.sqrt(np.maximum(left**2 - away**2, 0.0))
     found = meeting.found
     np.testing.assert_allclose(meeting.distance[found], radius * expected[found], rtol=1e-6, atol=1e-9 * radius)
+
+
+def test_where_rays_are_flatter_than_measured_a_sphere_loses_half_of_its_depth_or_more():
+    """Two looks, each of which goes no less than 0.3 of what is left; and never more than its depth."""
+    structure = level(0.002)
+    away = np.linspace(0.99, 0.9999, 200)
+    meeting = march(structure, entries(np.sqrt(1 - away**2), bending=(1.0, 0.0, 1.0)))
+    lost = 1 - away[meeting.found].max()
+    assert 0.5 * structure.deepest < lost <= structure.deepest + 1e-4
 
 
 def test_a_cylinder_bends_only_across_its_axis():

@@ -44,7 +44,7 @@ class _Size:
 
 
 _QUICK = _Size((160, 120), 2, QUICK)
-_FULL = _Size((400, 300), 12, FULL)
+_FULL = _Size((400, 300), 6, FULL)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ def draw(scene: Scene) -> Picture:
     """A scene of one closed body that is covered with a `Mesostructure`, without shadows of bodies.
 
     The surface counts as flat around where a ray enters and around where it leaves; of a layer that the ray hits the
-    BTF is asked where the ray enters. Rays flatter than measured are treated as `march` does. Raises ValueError for another scene.
+    BTF is asked where the ray enters. Rays flatter than measured are treated as `march` does.
+    Raises ValueError for another scene.
     """
     (body,) = scene.bodies
     if not isinstance(body.material, Mesostructure):

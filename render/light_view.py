@@ -8,7 +8,7 @@ import numpy as np
 from render.arrays import Float64, Rows, unit
 
 # Pixels along each side of a shadow map, and how many of them stay free around what it shows.
-SIDE_PX = 640
+SIDE_PX = 512
 _MARGIN_PX = 2
 # Of a body's extent: what is thinner is a plane, which keeps no light from itself.
 _FLAT = 1e-6

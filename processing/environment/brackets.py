@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from processing.errors import ImageError
 from processing.formats.photo import Photograph, read_photo
 from processing.products.arrays import Float32, Float64
+from processing.radiometry import photograph_kernel
 from processing.radiometry.alignment import shift_error
 from processing.radiometry.bracket import RAW_SUFFIXES, merge_files, photograph_exposures
 from processing.radiometry.hdr import PixelStatus, Radiance
 from processing.radiometry.photograph_shift import photograph_shift
-from processing.radiometry.photographs import merge_photographs
+from processing.radiometry.photographs import merge_photographs, merge_tables
 from processing.radiometry.response import Response
 
 _NEAR_WHITE, _WHITE = 236, 255  # codes
+_MIDDLE, _WELL = (40, 235), 0.05  # codes that are well exposed, and the least share of them in a photograph
 
 
 @dataclass(frozen=True)
@@ -86,17 +88,31 @@ def merge_bracket(bracket: Bracket, response: Response | None = None) -> ProbePh
         raise ImageError(f"{', '.join(names)}: photographs of one size, each named once, are needed.")
     stack = np.stack([frames[path].srgb8 for path in order])
     exposure = np.array([stated[path] for path in order])
-    found = merge_photographs(stack, exposure, response, names)
+    well = _well_exposed(stack)
+    found = merge_photographs(stack[well], exposure[well], response, [names[i] for i in well])
+    exposure[well] = found.exposure
     for i in range(len(stack) - 1):
         shift = photograph_shift(stack[i : i + 2], found.response, (i, i + 1))
         if shift.refused:
             raise shift_error(shift, names)
     whitened = whiten(stack, exposure, found.response)
-    radiance = merge_photographs(whitened, exposure, found.response, names).radiance
+    tables = merge_tables(found.response)
+    radiance = Radiance(*photograph_kernel.merge_photographs(whitened, np.log(exposure), *tables))
     camera = replace(found.response, camera=frames[order[0]].model)
     absolute = all(frame.iso > 0 and frame.f_number > 0 for frame in frames.values())
     photograph = _bounded(radiance, np.eye(3), camera, float(exposure[0]))
     return replace(photograph, absolute=absolute or bracket.exposure_s is not None)
+
+
+def _well_exposed(stack: NDArray[np.uint8]) -> NDArray[np.intp]:
+    """Photographs that tell the response and check their exposures; all, where fewer than two do.
+
+    One that shows little but a lamp has its few middle codes at edges, where JPEG mixes them: it would be judged by
+    those. Its exposure is taken as stated.
+    """
+    share = np.mean((stack >= _MIDDLE[0]) & (stack <= _MIDDLE[1]), axis=(1, 2, 3))
+    well = np.flatnonzero(share > _WELL)
+    return well if len(well) > 1 else np.arange(len(stack))
 
 
 def _exposures(bracket: Bracket, frames: Mapping[Path, Photograph]) -> Mapping[Path, float]:

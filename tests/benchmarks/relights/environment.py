@@ -5,8 +5,8 @@ it is not, half missing where it is). `sphere_relight_error`: root mean square e
 recovered, over the mean of one lit by the truth. Both are the worst of all places whose brightest light the phone's
 shortest exposure holds; those that it clips are rows that say so. No scale is fitted: the simulated camera's own unit
 is used. `reflection_mask_iou`: mean over the places of intersection over union of the found and the true mask.
-`cubemap_energy_error`: worst error of the integral over the sphere, panoramas and fish-eye pairs, a sun of 1e5 among
-them; beside it, what looking up each texel's middle alone would do.
+`cubemap_energy_error`: worst error of the integral over the sphere of panoramas, a sun of 1e5 among them; beside it,
+what looking up each texel's middle alone would do.
 """
 
 import tempfile

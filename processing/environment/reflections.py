@@ -203,8 +203,10 @@ def _patches(layers: _Layers, grid: RingGrid) -> tuple[Mask, int]:
     mask, count = np.zeros(layers.common.shape, np.bool_), 0
     for outline, patch in sorted(found, key=lambda one: -one[0].score):
         if not (mask & patch).any():
-            # The middle of a step of log light lies outside of a bright patch's edge, inside of a dark one's.
-            skirt = round(float(np.clip(_SKIRT_PX - 0.5 * outline.rises, 0, 2 * _SKIRT_PX)))
+            # The middle of a step of log light lies outside of a bright patch's edge, the more as light is blurred
+            # before its logarithm is taken, and inside of a dark one's.
+            by = 0.9 if outline.rises > 0 else 0.5
+            skirt = round(float(np.clip(_SKIRT_PX - by * outline.rises, 0, 2 * _SKIRT_PX)))
             mask |= binary_dilation(patch, iterations=skirt) if skirt else patch
             count += 1
     return mask, count

@@ -108,11 +108,11 @@ def view(lens, shape, rotation, light):
 
 
 @settings(max_examples=8, deadline=None)
-@given(st.integers(0, 1000), st.floats(-0.08, 0.02), st.floats(1e-4, 1e4))
-def test_fish_eye_pixels_give_their_own_light_and_cover_the_sphere(seed, k1, scale):
+@given(st.integers(0, 1000), st.integers(-8, 2), st.floats(1e-4, 1e4))
+def test_fish_eye_pixels_give_their_own_light_and_cover_the_sphere(seed, hundredths, scale):
     """Solid angles of pixels, of OpenCV's lens too, add up to the sphere; a uniform sky stays uniform to a percent."""
     rng, shape = np.random.default_rng(seed), (84, 90)
-    lens = Fisheye(np.array([[23.0, 0, 44.3], [0, 23.1, 41.2], [0, 0, 1]]), np.array([k1, 0.0, 0.0, 0.0]))
+    lens = Fisheye(np.array([[23.0, 0, 44.3], [0, 23.1, 41.2], [0, 0, 1]]), np.array([hundredths / 100, 0.0, 0.0, 0.0]))
     off = phone_shots.geometry.rigid_from_vectors(rng.uniform(-0.05, 0.05, 3), np.zeros(3))[:3, :3]
     flat = scale * np.ones((*shape, 3))
     pair = FisheyePair(view(lens, shape, np.eye(3), flat), view(lens, shape, HALF_TURN @ off, flat))

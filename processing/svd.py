@@ -3,7 +3,8 @@
 `factor_btf`: the matrix has a row per (texel, light, channel) and a column per view; or, where the maps are to be grey,
 a row per (texel, light) and a column per (view, channel). It is tall: its Gram matrix is gathered in float64, light by
 light, and gives the view weights; the eigenmaps are the projections onto them. Two passes over data that need not fit
-in memory, and the rank-k error of the full decomposition.
+in memory, and the rank-k error of the full decomposition. Rows count times the light's cosine, so that errors are those
+of what leaves the surface; a row's projection is the same with it and without.
 
 `factor_texels`: the matrix has a row per texel and a column per (light, view, channel), which makes the smallest
 factors. Neither side is short enough for a Gram matrix, so the strongest columns' space is found by iteration.
@@ -59,9 +60,9 @@ class BtfRows(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Factorisation:
-    """A factored BTF and its error.
+    """A factored BTF and its error, both of the BTF times the light's cosine.
 
-    `squared_singular_values`, one for each column of the matrix, fall; their sum is the sum of squares of the BTF.
+    `squared_singular_values`, one for each column of the matrix, fall; their sum is the sum of squares of that product.
     `missing` is the share of samples that were filled: they count with the mean of their row over the columns, so a row
     without any sample is 0. Errors are those of the filled matrix.
     """
@@ -104,8 +105,9 @@ class TexelFactors:
 
 
 def factor_btf(btf: BtfRows, rank: int, colour: Colour = "colour") -> Factorisation:
-    """Keep the `rank` strongest terms; each eigenmap carries its singular value, each weight vector has length 1.
+    """Keep the `rank` strongest terms of the BTF times the light's cosine, which the product's maps are without.
 
+    Each weight vector has length 1. A light under the horizon has no say in which terms these are.
     Grey maps serve all channels, whose weights differ: a third of the bytes and of the look-ups for as many terms. The
     sign of a term is that which makes its weights sum to 0 or more. Source: Eckart and Young 1936.
     Raises ImageError for a rank that the views do not offer.
@@ -186,7 +188,8 @@ def _matrices(btf: BtfRows, shared: int) -> Iterator[tuple[int, slice, Float32]]
 def _gram(btf: BtfRows, shared: int) -> tuple[Float64, int]:
     columns = btf.shape[1] * shared
     gram, missing = np.zeros((columns, columns)), 0
-    for _, _, matrix in _matrices(btf, shared):
+    cosines = np.maximum(btf.light_directions[:, 2], 0.0)
+    for light, _, matrix in _matrices(btf, shared):
         exact = matrix.astype(np.float64)
         products = exact @ exact.T
         if not np.isfinite(products.trace()):
@@ -194,7 +197,7 @@ def _gram(btf: BtfRows, shared: int) -> tuple[Float64, int]:
             exact = filled.astype(np.float64)
             products = exact @ exact.T
             missing += count
-        gram += products
+        gram += cosines[light] ** 2 * products
     return gram, missing
 
 

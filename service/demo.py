@@ -217,7 +217,7 @@ def _btf_stage(out: Path, sessions: dict[str, Session], simulation: Simulation, 
         watch.wall_s["process btf"],
         None,
         (
-            Measure("btf_rank4_relative_rmse", errors.factored_rmse, "", "four eigenmaps against the measured BTF"),
+            Measure("btf_rank4_relative_rmse", errors.factored_rmse, "", "four eigenmaps against the BTF, both lit"),
             Measure("btf_relative_rmse", errors.relative_rmse, "", "measured BTF against truth"),
             Measure("btf_p95", errors.errors.p95, "", "error of a sample over the truth's RMS, 95th percentile"),
         ),

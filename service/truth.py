@@ -160,7 +160,7 @@ class BtfErrors:
     """A measured BTF, and its factored form, against the noise-free one, relative to the truth's RMS."""
 
     relative_rmse: float
-    factored_rmse: float  # of the factors against the measured BTF
+    factored_rmse: float  # of the factors against the measured BTF, both times the light's cosine
     errors: Distribution
     truth: NDArray[np.float32]
 
@@ -177,11 +177,18 @@ def btf_errors(session: Session, calibrations: Calibrations, simulation: Simulat
         )  # fmt: skip
         truth[place] = np.load(reply["path"])
     rms = float(np.sqrt(np.nanmean(truth.astype(np.float64) ** 2)))
-    rebuilt = np.einsum("klyxc,kv->lvyxc", factored.eigenmaps, factored.weights, optimize=True)
-    left = np.nanmean((rebuilt - btf.reflectance).astype(np.float64) ** 2)
-    whole = np.nanmean(btf.reflectance.astype(np.float64) ** 2)
     spread = Distribution.of((btf.reflectance - truth) / rms)
-    return BtfErrors(spread.rms, float(np.sqrt(left / whole)), spread, truth)
+    return BtfErrors(spread.rms, factored_error(btf, factored), spread, truth)
+
+
+def factored_error(btf: Btf, factored: FactoredBtf) -> float:
+    """Root of the factors' squared error over the BTF's sum of squares, both times the light's cosine."""
+    left = whole = 0.0
+    for light, measured in enumerate(btf.reflectance):
+        weight = btf.light_directions[light, 2] ** 2
+        left += weight * np.nansum((factored.under(light) - measured).astype(np.float64) ** 2)
+        whole += weight * np.nansum(measured.astype(np.float64) ** 2)
+    return float(np.sqrt(left / whole))
 
 
 FALSE_M = 5e-4

@@ -56,11 +56,18 @@ class FactoredBtf:
         codes, coding = encode(maps, kind)
         return replace(self, eigenmaps=codes, coding=coding)
 
-    def values(self, k: int) -> Float32:
+    def values(self, k: int, lights: slice = slice(None)) -> Float32:
         """Eigenmap `k` (light, y, x, channel) as float32."""
         if self.coding is None:
-            return np.asarray(self.eigenmaps[k], np.float32)
-        return self.coding.decode(self.eigenmaps[k], k, slice(None))
+            return np.asarray(self.eigenmaps[k, lights], np.float32)
+        return self.coding.decode(self.eigenmaps[k, lights], k, lights)
+
+    def under(self, light: int) -> Float32:
+        """What all measured views see under one measured light, (view, y, x, channel)."""
+        maps = np.stack([self.values(k, slice(light, light + 1))[0] for k in range(len(self.weights))])
+        seen = [np.tensordot(self.colours[..., c % self.colours.shape[2]], maps[..., c % maps.shape[3]], (0, 0))
+                for c in range(self.channels)]  # fmt: skip
+        return np.asarray(np.stack(seen, axis=-1), np.float32)
 
     def evaluate(self, uv: Float64, light: Float64, view: Float64) -> Float64:
         """Reflectance (n, channel) for texture coordinates (n, 2), which repeat, and directions (n, 3)."""

@@ -32,8 +32,9 @@ def make_btf(session: Session, calibrations: Calibrations, progress: Progress, r
     inputs = fingerprint(records, {**measured_on, "calibrations": calibrations.digest()})
     if not is_current(folder, inputs):
         _btf(session, calibrations, progress, provenance(session, inputs)).save(folder)
-    if not is_current(factored, inputs | {"rank": rank}):
-        source = provenance(session, inputs | {"rank": rank})
+    made_from = inputs | {"rank": rank, "errors": "times the cosine"}
+    if not is_current(factored, made_from):
+        source = provenance(session, made_from)
         factors = factor_btf(StoredBtf.open(folder), rank).btf
         FactoredBtf(factors.eigenmaps, factors.weights, factors.lights, factors.views, source).save(factored)
     analysable = is_current(plus, inputs) or make_sbrdf_plus(folder, plus, provenance(session, inputs), progress)

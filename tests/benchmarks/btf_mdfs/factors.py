@@ -1,12 +1,13 @@
 """Factors of BTFs: their error beside the least one, time and memory in core and out of core, bytes, frames by coding.
 
-`svd_rank4_relative_mse` is the squared error of four coloured terms over the sum of squares, of the worst sample; rows
-have every sample with coloured and grey maps of more terms and in fewer bits. `svd_out_of_core_rate` is the time of
-factors of a BTF that lies in memory over that of the same BTF read from its store in both passes; a row has the time
-to load it first in the numerator. `svd_peak_memory_ratio` is what streaming allocates, its result among it, over the
-BTF as float32. `eigenmap_bytes` are of four grey terms of bytes at 64 x 64 texels and 12 x 5 lights and views, as is
-`mdf_bytes`; rows have the paper's three layouts. Its own sizes do not follow from them: four eigenmaps of three bytes a
-texel are 2.95, 18.9 and 4.72 MB, not 1.3, 7.5 and 5.3, and bytes of the MDF 0.25, 1.57 and 0.39, not 0.9, 6.3 and 3.9.
+`svd_rank4_relative_mse` is the squared error of four coloured terms over the sum of squares, of the worst sample, both
+times the light's cosine squared; rows have every sample with coloured and grey maps of more terms and in fewer bits.
+`svd_out_of_core_rate` is the time of factors of a BTF that lies in memory over that of the same BTF read from its store
+in both passes; a row has the time to load it first in the numerator. `svd_peak_memory_ratio` is what streaming
+allocates, its result among it, over the BTF as float32. `eigenmap_bytes` are of four grey terms of bytes at 64 x 64
+texels and 12 x 5 lights and views, as is `mdf_bytes`; rows have the paper's three layouts. Its own sizes do not follow
+from them: four eigenmaps of three bytes a texel are 2.95, 18.9 and 4.72 MB, not 1.3, 7.5 and 5.3, and bytes of the MDF
+0.25, 1.57 and 0.39, not 0.9, 6.3 and 3.9.
 """
 
 import time
@@ -27,6 +28,7 @@ from render.opengl import GlRenderer
 from render.scene import Scene, framed, light
 from render.shapes import torus
 from service.bench import Result
+from service.truth import factored_error
 from simulators.far_field import btf_below
 from tests.benchmarks.yardsticks.btf_samples import PLANES_M, SAMPLES
 from tests.benchmarks.yardsticks.material_samples import rings
@@ -84,22 +86,12 @@ def _errors(texels: int, polar: int) -> tuple[list[Row], float]:
             if rank in (RANK, 12):
                 kinds |= {", bytes": factored.coded(np.uint8), ", halves": factored.coded(np.float16)}
             for coding, product in kinds.items():
-                rows.append({"method": f"{rank} {colour}{coding}", "on": sample, "error": relative_mse(product, btf),
+                mse = factored_error(btf, product) ** 2
+                rows.append({"method": f"{rank} {colour}{coding}", "on": sample, "error": mse,
                              "unit": "of the sum of squares", "bytes": product.nbytes})  # fmt: skip
         plain = next(row for row in rows if row["on"] == sample and row["method"] == f"{RANK} colour")
-        over_least = max(over_least, float(plain["error"]) ** 0.5 / eckart_young(btf.reflectance, RANK))
+        over_least = max(over_least, float(plain["error"]) ** 0.5 / eckart_young(btf, RANK))
     return rows, over_least
-
-
-def relative_mse(factored: FactoredBtf, btf: Btf) -> float:
-    """Squared error of a product that was loaded, over the sum of squares."""
-    error = 0.0
-    maps = np.stack([factored.values(k) for k in range(len(factored.weights))])
-    colours = np.broadcast_to(factored.colours, (*factored.weights.shape[:2], 3))
-    for n, seen in enumerate(btf.reflectance):
-        rebuilt = np.einsum("kyxc,kvc->vyxc", np.broadcast_to(maps[:, n], (*maps[:, n].shape[:3], 3)), colours)
-        error += float(np.square(rebuilt - seen, dtype=np.float64).sum())
-    return error / float(np.square(btf.reflectance, dtype=np.float64).sum())
 
 
 def _streamed(texels: int, polar: int, turns: int) -> tuple[dict[str, float], list[Row]]:

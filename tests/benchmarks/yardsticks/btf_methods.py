@@ -112,18 +112,17 @@ def _sum_of_products(factors: TexelFactors, rank: int) -> Callable[[int], Array]
 
 def svd_by_views(given: Given, ranks: tuple[int, ...]) -> Iterator[Represented]:
     """The product `FactoredBtf`: maps over light and texel, weights over the views."""
-    found, seconds = timed(lambda: factor_btf(given.cosine, max(ranks)).btf)
-    drawn, _ = timed(lambda: factor_btf(given.btf, max(ranks)).btf)
+    found, seconds = timed(lambda: factor_btf(given.btf, max(ranks)).btf)
     for rank in ranks:
-        values = found.eigenmaps[:rank].size + found.weights[:rank].size
-        material = FactoredBtf(drawn.eigenmaps[:rank], drawn.weights[:rank], drawn.lights, drawn.views)
-        yield Represented("SVD by views", f"{rank} terms", _sum_over_views(found, rank), HALF_BYTES * values, seconds,
-                          material)  # fmt: skip
+        material = FactoredBtf(found.eigenmaps[:rank], found.weights[:rank], found.lights, found.views)
+        size = HALF_BYTES * (material.eigenmaps.size + material.weights.size)
+        yield Represented("SVD by views", f"{rank} terms", _sum_over_views(material), size, seconds, material)
 
 
-def _sum_over_views(found: FactoredBtf, rank: int) -> Callable[[int], Array]:
-    maps, weights = _half(found.eigenmaps[:rank]), _half(found.weights[:rank])
-    return lambda view: np.tensordot(weights[:, view], maps, (0, 0))
+def _sum_over_views(found: FactoredBtf) -> Callable[[int], Array]:
+    maps, weights = _half(found.eigenmaps), _half(found.weights)
+    cosines = np.maximum(found.lights.directions[:, 2], 0.0).astype(np.float32)[:, None, None, None]
+    return lambda view: cosines * np.tensordot(weights[:, view], maps, (0, 0))
 
 
 def clustered(given: Given, sizes: tuple[tuple[int, int], ...]) -> Iterator[Represented]:

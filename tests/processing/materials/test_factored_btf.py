@@ -55,6 +55,17 @@ def in_colours(rng, rank=3) -> FactoredBtf:
     return FactoredBtf(made.eigenmaps, rng.normal(size=(rank, len(RIG), 3)).astype(np.float32), made.lights, made.views)
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.float16, None])
+def test_under_a_measured_light_all_views_see_what_evaluation_says(rng, kind):
+    texel, light = np.array([[(2 + 0.5) / 5, (1 + 0.5) / 4]]), 17
+    for made in (btf(rng), in_colours(rng)):
+        made = made if kind is None else made.coded(kind)
+        count = len(RIG)
+        asked = np.repeat(texel, count, axis=0), np.repeat(RIG[[light]], count, axis=0)
+        expected = made.evaluate(*asked, RIG)
+        np.testing.assert_allclose(made.under(light)[:, 1, 2], expected, rtol=1e-4, atol=1e-5)
+
+
 def test_grey_maps_with_coloured_weights_are_the_same_as_coloured_maps_where_colours_do_not_change(rng):
     grey = in_colours(rng)
     tint = np.array([0.5, 1.0, 0.25], np.float32)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from processing.errors import ImageError
 from processing.products import Btf, StoredBtf
 from processing.svd import factor_btf, factor_texels
-from tests.reference.btf import eckart_young
+from tests.reference.btf import eckart_young, lit
 
 LIGHTS, VIEWS = 6, 9
 
@@ -32,10 +32,23 @@ def rebuilt(factored):
 def test_error_is_the_least_that_the_rank_allows(rank, seed):
     btf = smooth_btf(np.random.default_rng(seed))
     factors = factor_btf(btf, rank)
-    error = np.linalg.norm(rebuilt(factors.btf) - btf.reflectance) / np.linalg.norm(btf.reflectance)
+    error = np.linalg.norm(lit(btf, rebuilt(factors.btf) - btf.reflectance)) / np.linalg.norm(lit(btf))
     # float32 factors add 1e-7 of the whole; it is all that full rank has.
-    assert error <= 1.001 * eckart_young(btf.reflectance, rank) + 1e-6
+    assert error <= 1.001 * eckart_young(btf, rank) + 1e-6
     assert factors.relative_rmse(rank) == pytest.approx(error, rel=1e-3, abs=1e-6)
+
+
+def test_a_light_on_the_horizon_or_under_it_has_no_say_in_the_terms(rng):
+    """However bright it is there; what is seen under it is projected all the same."""
+    btf = smooth_btf(rng)
+    dark, glints = btf.reflectance.copy(), btf.reflectance.copy()
+    lights = btf.light_directions.copy()
+    lights[4:] = [[0.8, 0.6, 0.0], [0.6, 0.0, -0.8]]
+    dark[4:], glints[4:] = 0, rng.normal(size=glints[4:].shape) * 1e6
+    expected, found = (factor_btf(Btf(values, lights, btf.view_directions), 3) for values in (dark, glints))
+    np.testing.assert_array_equal(found.btf.weights, expected.btf.weights)
+    np.testing.assert_array_equal(found.squared_singular_values, expected.squared_singular_values)
+    assert np.abs(found.btf.eigenmaps[:, 4:]).max() > 1
 
 
 def test_a_btf_of_three_terms_is_exact_at_rank_three(rng):
@@ -153,8 +166,8 @@ def test_grey_maps_have_the_least_error_of_a_matrix_with_channels_as_columns(ran
     btf = smooth_btf(np.random.default_rng(seed), terms=3 * VIEWS)
     factors = factor_btf(btf, rank, "grey")
     maps, weights = factors.btf.eigenmaps.astype(np.float64), factors.btf.weights
-    error = np.linalg.norm(np.einsum("klyx,kvc->lvyxc", maps[..., 0], weights) - btf.reflectance)
-    matrix = np.moveaxis(btf.reflectance, 1, 3).reshape(-1, 3 * VIEWS).astype(np.float64)
+    error = np.linalg.norm(lit(btf, np.einsum("klyx,kvc->lvyxc", maps[..., 0], weights) - btf.reflectance))
+    matrix = np.moveaxis(lit(btf), 1, 3).reshape(-1, 3 * VIEWS)
     squares = np.linalg.svd(matrix, compute_uv=False) ** 2
     assert error <= 1.001 * np.sqrt(squares[rank:].sum()) + 1e-6 * np.sqrt(squares.sum())
     assert maps.shape[4] == 1

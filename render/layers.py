@@ -18,6 +18,8 @@ from render.scene import Body
 
 # A ray goes in and out of a mesh no more often than this: no scene asks for it, but rounding might.
 MOST_LAYERS = 64
+# Of the depth buffer's range, for each material: exact in float32 and in buffers of 16 bits or more.
+_DEPTH = 2.0**-10
 # Farther than anything, as in march.glsl.
 FAR = 1e30
 
@@ -79,8 +81,7 @@ class Layers:
                 self._mark_waiting(front)
                 for key, structure in structures.items():
                     program = prepare(structure, variant, images)
-                    set_uniform(program, "number", float(numbers[key]))
-                    self._fill(program)
+                    self._fill(program, numbers[key])
         return self.most
 
     @property
@@ -104,15 +105,17 @@ class Layers:
         context.depth_func = "1"
         program = self.card.program("screen.vert", fragment)
         bind(program, images)
+        set_uniform(program, "share", _DEPTH)
         target.some(deep=True).use()
         self.card.fill(program)
         context.depth_func = "<"
 
-    def _fill(self, program: moderngl.Program) -> None:
-        """Draw all images of the target where its depth buffer says that something waits."""
+    def _fill(self, program: moderngl.Program, number: int) -> None:
+        """Draw all images of the target where its depth buffer says that this material waits."""
         context = self.card.context
         context.enable_only(moderngl.DEPTH_TEST)
-        context.depth_func = ">"
+        context.depth_func = "=="
+        set_uniform(program, "depth", _DEPTH * number)
         framebuffer = self.target.whole
         framebuffer.depth_mask = False
         framebuffer.use()

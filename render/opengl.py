@@ -20,7 +20,7 @@ from render.picture import Picture
 from render.programs import set_uniform
 from render.rays import Rays, camera_rays
 from render.scene import Body, Light, Scene
-from render.shadows import LIGHTS, ShadowMaps, shadow_maps
+from render.shadows import LIGHTS, LastShadows, ShadowMaps
 
 _DARK = (0.0, 0.0, 0.0)
 
@@ -53,10 +53,10 @@ class GlRenderer:
     def __init__(self, shadow_side_px: int = SIDE_PX, most_layers: int = MOST_LAYERS) -> None:
         self.context = open_context()
         self.name = renderer_name(self.context)
-        self.shadow_side_px = shadow_side_px
         self.most_layers = most_layers
         self.layers = 0
         self._card = Card(self.context)
+        self._shadows = LastShadows(self._card, shadow_side_px, most_layers)
 
     def draw(self, scene: Scene) -> Picture:
         """The scene as its camera sees it; pixels that show nothing are 0 in radiance and coverage."""
@@ -116,7 +116,7 @@ class GlRenderer:
         return self._card.target("picture", size, (4,) * images + (1,))
 
     def _draw(self, scene: Scene, defines: frozenset[str], target: Target) -> None:
-        shadows = shadow_maps(self._card, scene, self.shadow_side_px, self.most_layers) if scene.shadows else None
+        shadows = self._shadows.of(scene) if scene.shadows else None
         frame = _Frame(
             scene, camera_rays(scene.camera, scene.positions), shadows, defines | {"SHADOWS"} if shadows else defines
         )

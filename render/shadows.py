@@ -15,7 +15,7 @@ from render.mesh import Mesh
 from render.on_card import Card, Target
 from render.programs import bind, set_uniform
 from render.rays import Rays, light_rays
-from render.scene import Scene
+from render.scene import Body, Scene
 
 # Lights of one pass over the scene, as in lighting.glsl and shadow.glsl.
 LIGHTS = 64
@@ -29,10 +29,47 @@ class ShadowMaps:
     rows: Float32
     windows: Float32
 
+    @property
+    def given_back(self) -> bool:
+        """Whether the card needed the place for other images."""
+        return isinstance(self.texture.mglo, moderngl.InvalidObject)
+
     def use(self, program: moderngl.Program) -> None:
         """Tell a program where the maps are; the texture is bound with its others."""
         set_uniform(program, "shadow_rows", self.rows)
         set_uniform(program, "shadow_windows", self.windows)
+
+
+class LastShadows:
+    """The shadow maps of the scene that was drawn last: as long as its bodies and lights stay, they are kept."""
+
+    def __init__(self, card: Card, side_px: int, most_layers: int) -> None:
+        self._card, self._side_px, self._most_layers = card, side_px, most_layers
+        self._bodies: tuple[Body, ...] = ()
+        self._directions: tuple[Float64, ...] = ()
+        self._maps: ShadowMaps | None = None
+
+    def of(self, scene: Scene) -> ShadowMaps:
+        """Those of this scene, drawn if they are not those of the last one."""
+        if self._maps is not None and self._shows(scene) and not self._maps.given_back:
+            return self._maps
+        self._maps = None
+        maps = shadow_maps(self._card, scene, self._side_px, self._most_layers)
+        self._bodies = scene.bodies
+        self._directions = tuple(light.direction.copy() for light in scene.lights)
+        self._maps = maps
+        return maps
+
+    def _shows(self, scene: Scene) -> bool:
+        """Whether the scene has the same meshes and materials, held here so that they stay themselves, and lights."""
+        if (len(scene.bodies), len(scene.lights)) != (len(self._bodies), len(self._directions)):
+            return False
+        same = all(
+            one.mesh is other.mesh and one.material is other.material
+            for one, other in zip(scene.bodies, self._bodies, strict=True)
+        )
+        lights = zip(scene.lights, self._directions, strict=True)
+        return same and all(np.array_equal(light.direction, direction) for light, direction in lights)
 
 
 def shadow_maps(card: Card, scene: Scene, side_px: int, most_layers: int) -> ShadowMaps:

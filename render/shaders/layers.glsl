@@ -10,7 +10,6 @@ uniform sampler2D front_along;
 uniform sampler2D back_place;
 uniform sampler2D back_upward;
 uniform sampler2D back_along;
-uniform float number;
 
 struct Interval {
     Entry entry;
@@ -29,25 +28,20 @@ Entry entry_of(vec4 place, vec4 upward, vec4 along, vec3 toward) {
     vec3 t = along.xyz / entry.stretch.x;
     entry.frame = mat3(t, (upward.w < 0.0 ? -1.0 : 1.0) * cross(upward.xyz, t), upward.xyz);
     entry.view = toward * entry.frame;
-    entry.curvature = place.w;
+    entry.curvature = along.w;
     return entry;
 }
 
-// Discards pixels that no front face of the material's meshes covers.
 Interval interval_here(vec3 toward) {
     vec2 at = gl_FragCoord.xy / vec2(textureSize(front_place, 0));
-    vec4 along = textureLod(front_along, at, 0.0);
     vec4 place = textureLod(front_place, at, 0.0), back = textureLod(back_place, at, 0.0);
-    if (abs(along.w) != number || place.x >= FAR) {
-        discard;
-    }
     Interval interval;
-    interval.entry = entry_of(place, textureLod(front_upward, at, 0.0), along, toward);
+    interval.entry = entry_of(place, textureLod(front_upward, at, 0.0), textureLod(front_along, at, 0.0), toward);
     interval.arc = arc_of(interval.entry);
     interval.back = entry_of(back, textureLod(back_upward, at, 0.0), textureLod(back_along, at, 0.0), -toward);
     interval.back_arc = arc_of(interval.back);
     interval.start = place.x;
-    interval.open = along.w < 0.0;
+    interval.open = place.w < 0.0;
     interval.end = interval.open ? FAR : back.x;
     return interval;
 }

@@ -1,9 +1,12 @@
-// Depth 0 where rays enter a mesh and nothing is decided yet, else 1: what later passes leave out.
+// Where rays enter a mesh and nothing is decided yet, a depth that tells the material, else 1: later passes draw nothing
+// where the depth is not their own.
 uniform sampler2D front_place;
 uniform sampler2D decided;
+uniform float share;
 
 void main() {
     vec2 at = gl_FragCoord.xy / vec2(textureSize(decided, 0));
-    bool waiting = textureLod(front_place, at, 0.0).r < 1e30 && textureLod(decided, at, 0.0).r == 0.0;
-    gl_FragDepth = waiting ? 0.0 : 1.0;
+    vec4 place = textureLod(front_place, at, 0.0);
+    bool waiting = place.x < 1e30 && textureLod(decided, at, 0.0).r == 0.0;
+    gl_FragDepth = waiting ? share * abs(place.w) : 1.0;
 }

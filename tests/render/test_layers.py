@@ -9,10 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from render import shadows
 from render.opengl import GlRenderer
 from render.picture import Picture
 from render.reference import ReferenceRenderer
 from render.scene import Body, Scene, framed, light
+from render.shadows import shadow_maps as draw_maps
 from render.shapes import cylinder, plane, sphere, torus
 from tests.render import synthetic
 from tests.render.reliefs import level, relief, waves
@@ -90,6 +92,33 @@ def test_several_lights_have_a_shadow_map_each(shading, egg_tray):
     together = shading.draw(replace(here, lights=lights)).radiance
     alone = [shading.draw(replace(here, lights=(each,))).radiance for each in lights]
     np.testing.assert_allclose(together, alone[0] + alone[1], rtol=1e-4, atol=1e-5 * together.max())
+
+
+def test_shadow_maps_are_kept_while_bodies_and_lights_stay(monkeypatch):
+    """Another camera needs none; a light, a body or a material that is another one does, and so does what came back."""
+    drawn = []
+    monkeypatch.setattr(shadows, "shadow_maps", lambda *args: drawn.append(args) or draw_maps(*args))
+    renderer = GlRenderer(shadow_side_px=32)
+    ball, grey = sphere(shape=(8, 16)), synthetic.lambertian((0.5, 0.4, 0.3))
+    first = scene(Body(ball, grey), Body(floor(-1.2), grey), shadows=True)
+    other_light = replace(first, lights=(light(2.0, 0.9),))
+    other_body = replace(first, bodies=(Body(sphere(0.5, shape=(8, 16)), grey), first.bodies[1]))
+    other_material = replace(first, bodies=(Body(ball, synthetic.lambertian((0.1, 0.1, 0.1))), first.bodies[1]))
+    other_camera = replace(first, camera=framed(ball, SIZE, azimuth_rad=1.0, elevation_rad=0.7))
+    counts = []
+    pictures = []
+    for each in (first, first, other_camera, other_light, other_body, other_material, first):
+        pictures.append(renderer.draw(each).radiance)
+        counts.append(len(drawn))
+    assert counts == [1, 1, 1, 2, 3, 4, 5]
+    for number in (1, 6):
+        np.testing.assert_array_equal(pictures[number], pictures[0])
+    for side in range(20, 33):
+        renderer.draw(
+            replace(first, camera=framed(ball, (side, side), azimuth_rad=1.0, elevation_rad=0.7), shadows=False)
+        )
+    np.testing.assert_array_equal(renderer.draw(first).radiance, pictures[0])
+    renderer.release()
 
 
 def test_what_stands_behind_is_seen_past_a_silhouette(gl, egg_tray):

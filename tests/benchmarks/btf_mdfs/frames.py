@@ -1,7 +1,9 @@
 """Frames of a BTF with depths: their cost over the plain BTF's, and how far OpenGL is from NumPy.
 
 Frames of 800 x 600 of the paper's scenes under one light, drawn in turns by one renderer: the plain BTF, with
-silhouettes, and with silhouettes and shadows. As in Table 2 of Wang et al. 2005, two layers are peeled; of a software
+silhouettes, and with silhouettes and shadows, all of the grey terms in bytes that are the default of joined materials.
+The light turns a little from frame to frame, so that shadow maps are drawn each time; another row has shadows under a
+light at rest, whose map is kept. As in Table 2 of Wang et al. 2005, two layers are peeled; of a software
 rasteriser the processor's time counts. Figures are of the worst scene. `peels_used_mean` is how many layers there are
 until no face is left. `gl_vs_reference` compares what the shader makes of the points that it met with NumPy's values
 there; rows have the share of pixels in which the two meet something else.
@@ -19,9 +21,11 @@ from render.comparison import gl_vs_reference
 from render.errors import GlUnavailableError
 from render.opengl import GlRenderer
 from render.reference import ReferenceRenderer
+from render.scene import orbiting_light
 from service.bench import Result
-from tests.benchmarks.btf_mdfs.accuracy import FULL, QUICK
+from tests.benchmarks.btf_mdfs.accuracy import FULL, QUICK, SEED, Measured
 from tests.benchmarks.yardsticks.figure_scenes import FigureScene, figure_scene
+from tests.benchmarks.yardsticks.mesostructures import mesostructure, polar_grid
 
 Row = dict[str, Any]
 SCENES = ("two tori", "knot on floor", "torus 8 x 3", "torus 3 x 1", "cylinder", "statue")
@@ -29,6 +33,9 @@ QUICK_SCENES = ("torus 3 x 1", "statue")
 WARM = 2  # frames that compile and upload
 PEELS = 2
 PLAIN, SILHOUETTES, SHADOWS = "plain BTF", "with silhouettes", "with shadows too"
+RESTING = "with shadows of a light at rest"
+TERMS = 12
+TURN_RAD = 1e-3  # of the light from frame to frame
 SMALL = (160, 120)
 
 
@@ -42,7 +49,7 @@ def run(*, quick: bool) -> Result:
     try:
         for name in QUICK_SCENES if quick else SCENES:
             figure = figure_scene(name)
-            materials = {sample: (QUICK if quick else FULL).of(sample) for sample in figure.samples}
+            materials = {sample: as_joined(QUICK if quick else FULL, sample) for sample in figure.samples}
             rows += frame_times(peeling, whole, name, figure, materials, 3 if quick else 15)
             rows.append(errors(whole, name, materials))
     finally:
@@ -57,6 +64,13 @@ def run(*, quick: bool) -> Result:
     return Result(figures, rows)
 
 
+def as_joined(measured: Measured, sample: str) -> Mesostructure:
+    """The sample as `rig join` makes it of products of the default kind: grey terms, in bytes."""
+    ways = (polar_grid(measured.azimuths, polar) for polar in (measured.lights, measured.views))
+    made = mesostructure(sample, SEED, measured.texels, *ways, TERMS, measured.rays, "grey")
+    return replace(made, btf=made.btf.coded(np.uint8))
+
+
 def frame_times(
     renderer: GlRenderer,
     whole: GlRenderer,
@@ -67,16 +81,23 @@ def frame_times(
 ) -> Iterator[Row]:
     """Medians of frames that took turns, and the plain BTF's time over them."""
     wrapped = figure.scene(materials)
+    shaded = replace(wrapped, shadows=True)
     scenes = {
         PLAIN: figure.scene({sample: each.btf for sample, each in materials.items()}),
         SILHOUETTES: wrapped,
-        SHADOWS: replace(wrapped, shadows=True),
+        RESTING: shaded,
+        SHADOWS: shaded,
     }
+    turning = orbiting_light(shaded, round(2.0 * np.pi / TURN_RAD))
     # What else runs delays long frames more than short ones; a software rasteriser's own time does not know of it.
     clock = time.process_time if "llvmpipe" in renderer.name else time.perf_counter
     spent: dict[str, list[tuple[float, float]]] = {method: [] for method in scenes}
     for _ in range(WARM + frames):
         for method, scene in scenes.items():
+            if method == RESTING:
+                renderer.draw_unread(scene)
+            elif method == SHADOWS:
+                scene = next(turning)
             begun_s = time.perf_counter(), clock()
             renderer.draw_unread(scene)
             spent[method].append((time.perf_counter() - begun_s[0], clock() - begun_s[1]))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.products import Btf, DirectionMesh, Mesostructure
-from processing.svd import factor_btf
+from processing.svd import Colour, factor_btf
 from simulators.far_field import btf_below, one_period
 from simulators.far_field_truth import depths
 from tests.benchmarks.yardsticks.btf_samples import PLANES_M
@@ -22,7 +22,14 @@ _CODES = 255
 
 
 def mesostructure(
-    sample: str, seed: int, texels: int, lights: Array, views: Array, rank: int = 4, rays: int = 1
+    sample: str,
+    seed: int,
+    texels: int,
+    lights: Array,
+    views: Array,
+    rank: int = 4,
+    rays: int = 1,
+    colour: Colour = "colour",
 ) -> Mesostructure:
     """One period of a sample, with as many rays to a texel's reflectance; kept for the next who asks for the same.
 
@@ -31,7 +38,7 @@ def mesostructure(
     terms are those of least error with the cosine inside: without it a few glints under low lights take them all, and
     a brick of 61 x 61 directions is drawn a quarter too dark with four.
     """
-    return _mesostructure((sample, seed, texels, rays), (_hashable(lights), _hashable(views)), rank)
+    return _mesostructure((sample, seed, texels, rays), (_hashable(lights), _hashable(views)), rank, colour)
 
 
 def polar_grid(azimuths: int, polar_deg: tuple[float, ...]) -> Array:
@@ -40,11 +47,13 @@ def polar_grid(azimuths: int, polar_deg: tuple[float, ...]) -> Array:
 
 
 @lru_cache(maxsize=_KEPT)
-def _mesostructure(which: tuple[str, int, int, int], ways: tuple[_Ways, _Ways], rank: int) -> Mesostructure:
+def _mesostructure(
+    which: tuple[str, int, int, int], ways: tuple[_Ways, _Ways], rank: int, colour: Colour
+) -> Mesostructure:
     sample, seed = which[:2]
     lit, deep = _measured(which, ways)
     cosine = lit.light_directions[:, 2].astype(np.float32).reshape(-1, 1, 1, 1)
-    factored = factor_btf(lit, rank).btf
+    factored = factor_btf(lit, rank, colour).btf
     step = float(np.nanmax(deep)) / _CODES
     codes = np.rint(np.nan_to_num(deep, nan=step * _CODES) / step).astype(np.uint8)
     plane = PLANES_M[sample] / one_period(sample, seed, (lit.light_directions, lit.view_directions))[1]

@@ -57,6 +57,12 @@ class SampleDirections:
         """Relative standard deviation of the solid angles: 0 where all cells are of one size."""
         return float(self.solid_angle.std() / self.solid_angle.mean())
 
+    @cached_property
+    def node_means(self) -> Float32:
+        """Unit mean directions (2^(height + 1), 3) of nodes: row 1 is the root, 2 i and 2 i + 1 are children of i."""
+        rows = [self.means(height) for height in range(self.height, -1, -1)]
+        return np.concatenate([np.zeros((1, 3)), *rows]).astype(np.float32)
+
     def means(self, height: int) -> Float64:
         """Unit mean directions (2^(15 - height), 3) of the clusters of one height, by solid angle."""
         weighted = (self.directions * self.solid_angle[:, None]).reshape(-1, 1 << height, 3).sum(axis=1)

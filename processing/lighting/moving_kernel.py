@@ -1,0 +1,302 @@
+"""Light that reaches vertices past their own body and others, and leaves them toward the eye: everything found anew.
+
+Visibility is a step function over the leaves: the steps of the vertex's own cut times, for each other body, the mean of
+the functions of the eight sample points around. Changes of all of them are marked in a bit for each leaf and their
+weights added where they are; a walk over the bits carries the product along. The result is the sum over all leaves, as
+exact as the paper's merge of cuts, without its counters.
+"""
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numba.cpython.unsafe.numbers import trailing_zeros
+from numpy.typing import NDArray
+
+from processing.lighting.brdfs import evaluate
+from processing.lighting.cuts import trailing_zeros as ends_with
+from processing.lighting.directions import HEIGHT
+from processing.lighting.lobe_heights import BINS, HIGHEST
+from processing.products.arrays import Float32, Float64, Int32
+
+UInt8 = NDArray[np.uint8]
+UInt16 = NDArray[np.uint16]
+UInt64 = NDArray[np.uint64]
+Int64 = NDArray[np.int64]
+
+_first_bit: Any = trailing_zeros  # an intrinsic of numba's, which only compiled code calls
+
+WEIGHT_STEPS = 65536  # weights are multiples of 2^-16, so that sums of eight of them are exact in float32
+_LOWEST = 1e-3  # cosine to the horizon of an eye or a node's middle that lies under it
+
+
+class Steps(NamedTuple):
+    """Step functions of vertices: the value from leaf `start[k]` on is `value[k]`, k from `begin[i]` to `end[i]`.
+
+    The first step of each begins at leaf 0.
+    """
+
+    begin: Int64
+    end: Int64
+    start: UInt16
+    value: Float32
+
+
+class Shadows(NamedTuple):
+    """Sample points around vertices: `number` and `weight` (vertices, bodies, 8) of each body's field.
+
+    A number of -1 first says that the body does not matter. `first[i]` and `toggles[i]` are the field's; `leaf[i]`,
+    where it is not empty, tells which of the field's leaves each of the vertex's is.
+    """
+
+    number: Int32
+    weight: Float32
+    first: list[Int64]
+    toggles: list[UInt16]
+    leaf: list[UInt16]
+
+
+class Nodes(NamedTuple):
+    """First leaves of nodes, that behind the last one too, and the reflectance (k, 3) toward the eye from each."""
+
+    start: Int32
+    value: Float64
+
+
+class Scratch(NamedTuple):
+    """Room for one thread: `change` (bodies, leaves) and `marks` (bits of leaves) are zeros between two vertices."""
+
+    change: Float32
+    mean: Float32
+    marks: UInt64
+    now: Float32
+
+
+class Surface(NamedTuple):
+    """What light leaves toward the eye: `lit` and `seen` (n, 3) are normals and directions to the eye, in the frame of
+    the leaves, whose nodes have the mean directions `means` (2 leaves, 3), node k of height h at leaves / 2^h + k."""
+
+    lit: Float64
+    seen: Float64
+    kind: int
+    parameters: Float64
+    table: Float64
+    heights: UInt8
+    means: Float32
+
+
+@numba.njit(nogil=True, cache=True)
+def moving_frame(steps: Steps, shadows: Shadows, surface: Surface, sums: Float64, radiance: Float32) -> None:
+    """Write the radiance (n, 3) of vertices; `sums` (leaves + 1, 4) are the light's before each leaf."""
+    leaves = len(sums) - 1
+    scratch = _scratch(shadows, leaves)
+    nodes = room_for_nodes(leaves)
+    for i in range(len(radiance)):
+        active = mark_shadows(i, shadows, scratch)
+        for k in range(write_nodes(surface, i, nodes)):
+            mark(scratch.marks, nodes.start[k])
+        for k in range(steps.begin[i], steps.end[i]):
+            mark(scratch.marks, steps.start[k])
+        scratch.now[:active] = 1
+        _walk(steps, i, scratch, active, sums, nodes, radiance[i])
+
+
+@numba.njit(nogil=True, cache=True)
+def merged_steps(steps: Steps, shadows: Shadows, leaves: int) -> Steps:
+    """The whole product as steps; neighbours of one value are one."""
+    scratch = _scratch(shadows, leaves)
+    count = len(steps.begin)
+    first = np.zeros(count + 1, np.int64)
+    start, value = np.empty(count * 1024 + leaves, np.uint16), np.empty(count * 1024 + leaves, np.float32)
+    for i in range(count):
+        if first[i] + leaves > len(start):
+            start, value = _longer(start, leaves), _longer(value, leaves)
+        active = mark_shadows(i, shadows, scratch)
+        for k in range(steps.begin[i], steps.end[i]):
+            mark(scratch.marks, steps.start[k])
+        scratch.now[:active] = 1
+        first[i + 1] = first[i] + _keep(steps, i, scratch, active, start[first[i] :], value[first[i] :])
+    return Steps(first[:-1], first[1:], start[: first[count]].copy(), value[: first[count]].copy())
+
+
+@numba.njit(nogil=True, cache=True)
+def _scratch(shadows: Shadows, leaves: int) -> Scratch:
+    bodies = shadows.number.shape[1]
+    change, mean = np.zeros((bodies, leaves), np.float32), np.empty(leaves, np.float32)
+    return Scratch(change, mean, np.zeros((leaves + 63) // 64, np.uint64), np.empty(bodies, np.float32))
+
+
+@numba.njit(nogil=True, cache=True)
+def _longer(array: NDArray[Any], room: int) -> NDArray[Any]:
+    found = np.empty(2 * len(array) + room, array.dtype)
+    found[: len(array)] = array
+    return found
+
+
+@numba.njit(nogil=True, cache=True)
+def mark(marks: UInt64, leaf: int) -> None:
+    """Set the bit of a leaf."""
+    marks[leaf >> 6] |= np.uint64(1) << np.uint64(leaf & 63)
+
+
+@numba.njit(nogil=True, cache=True)
+def mark_shadows(i: int, shadows: Shadows, scratch: Scratch) -> int:
+    """Add the changes of the bodies that matter to vertex i, a row of `change` for each, and return how many."""
+    change, mean, marks = scratch.change, scratch.mean, scratch.marks
+    active = 0
+    for body in range(shadows.number.shape[1]):
+        if shadows.number[i, body, 0] < 0:
+            continue
+        first, toggles, leaf = shadows.first[body], shadows.toggles[body], shadows.leaf[body]
+        row = mean if len(leaf) else change[active]
+        if len(leaf):
+            mean[:] = 0
+        for corner in range(8):
+            weight, number = shadows.weight[i, body, corner], shadows.number[i, body, corner]
+            if weight == 0:
+                continue
+            for k in range(first[number], first[number + 1]):
+                weight = -weight
+                row[toggles[k]] += weight
+                if len(leaf) == 0:
+                    mark(marks, toggles[k])
+        if len(leaf):
+            _turned(mean, leaf, change[active], marks)
+        active += 1
+    return active
+
+
+@numba.njit(nogil=True, cache=True)
+def _turned(mean: Float32, leaf: UInt16, change: Float32, marks: UInt64) -> None:
+    """Changes of a field whose frame is turned against the vertex's: its function, asked leaf by leaf."""
+    value = np.float32(1)
+    for k in range(len(mean)):
+        value += mean[k]
+        mean[k] = value
+    before = np.float32(1)
+    for k in range(len(leaf)):
+        value = mean[leaf[k]]
+        if value != before:
+            change[k] = value - before
+            mark(marks, k)
+            before = value
+
+
+@numba.njit(nogil=True, cache=True)
+def room_for_nodes(leaves: int) -> Nodes:
+    """As many as leaves, not filled."""
+    return Nodes(np.empty(leaves + 1, np.int32), np.empty((leaves, 3)))
+
+
+@numba.njit(nogil=True, cache=True)
+def write_nodes(surface: Surface, i: int, found: Nodes) -> int:
+    """Write the nodes over which one value of the reflectance serves, and return how many.
+
+    Light or eye that lies under the horizon is taken as just above it: a node's middle may where a part of it is not.
+    """
+    start, value = found.start, found.value
+    leaves = len(surface.means) // 2
+    start[0] = 0
+    if surface.kind == 0:
+        value[0, 0], value[0, 1], value[0, 2] = surface.parameters[0], surface.parameters[1], surface.parameters[2]
+        start[1] = leaves
+        return 1
+    nx, ny, nz = surface.lit[i]
+    level = np.sqrt(nx * nx + ny * ny)
+    tx, ty = (-ny / level, nx / level) if level > 1e-6 else (1.0, 0.0)
+    bx, by, bz = -nz * ty, nz * tx, nx * ty - ny * tx
+    ex, ey, ez = surface.seen[i]
+    vx, vy, vz = tx * ex + ty * ey, bx * ex + by * ey + bz * ez, max(nx * ex + ny * ey + nz * ez, _LOWEST)
+    coarser = HEIGHT - ends_with(leaves)  # heights are told for 2^15 leaves
+    nodes, leaf, top = 0, 0, max(HIGHEST - coarser, 0)
+    while leaf < leaves:
+        height = top if leaf == 0 else min(ends_with(leaf), top)
+        while True:
+            node = (leaves >> height) + (leaf >> height)
+            x, y, z = surface.means[node, 0], surface.means[node, 1], surface.means[node, 2]
+            lx, ly, lz = tx * x + ty * y, bx * x + by * y + bz * z, nx * x + ny * y + nz * z
+            if lz < -2.5 * np.sqrt((1 << height) / leaves):  # all of it under the horizon
+                value[nodes] = 0
+                break
+            lz = max(lz, _LOWEST)
+            sx, sy, sz = lx + vx, ly + vy, lz + vz
+            cosine = sz / np.sqrt(sx * sx + sy * sy + sz * sz)
+            bin_of_half = int(np.sqrt(max(1 - cosine, 0.0)) * (BINS - 1) + 0.5)
+            if height == 0 or height + coarser <= surface.heights[bin_of_half]:
+                value[nodes] = evaluate(surface.kind, surface.parameters, surface.table, lx, ly, lz, vx, vy, vz)
+                break
+            height -= 1
+        start[nodes] = leaf
+        nodes += 1
+        leaf += 1 << height
+    start[nodes] = leaves
+    return nodes
+
+
+@numba.njit(nogil=True, cache=True)
+def _walk(  # noqa: PLR0913 - what one vertex needs, packed as far as it is one thing
+    steps: Steps, i: int, scratch: Scratch, active: int, sums: Float64, nodes: Nodes, radiance: Float32
+) -> None:
+    """Add up visibility times light times reflectance over the marked leaves, and clear what was marked."""
+    marks, now, node_start, node_f = scratch.marks, scratch.now[:active], nodes.start, nodes.value
+    total = np.zeros(3)
+    part = np.zeros(3)
+    last, value, own, node = np.int64(0), np.float32(0), np.float32(0), 0
+    k, end = steps.begin[i], steps.end[i]
+    for word in range(len(marks)):
+        bits = marks[word]
+        if bits == 0:
+            continue
+        marks[word] = 0
+        while bits != 0:
+            leaf = np.int64((word << 6) + np.int64(_first_bit(bits)))
+            bits &= bits - np.uint64(1)
+            for c in range(3):
+                part[c] += value * (sums[leaf, c] - sums[last, c])
+            last = leaf
+            if leaf == node_start[node + 1]:
+                for c in range(3):
+                    total[c] += part[c] * node_f[node, c]
+                    part[c] = 0
+                node += 1
+            if k < end and steps.start[k] == leaf:
+                own = steps.value[k]
+                k += 1
+            value = _product(own, scratch.change, now, leaf)
+    for c in range(3):
+        radiance[c] = total[c] + (part[c] + value * (sums[len(sums) - 1, c] - sums[last, c])) * node_f[node, c]
+
+
+@numba.njit(nogil=True, cache=True)
+def _product(own: np.float32, change: Float32, now: Float32, leaf: np.int64) -> np.float32:
+    value = own
+    for body in range(len(now)):
+        now[body] += change[body, leaf]
+        change[body, leaf] = 0
+        value *= now[body]
+    return value
+
+
+@numba.njit(nogil=True, cache=True)
+def _keep(steps: Steps, i: int, scratch: Scratch, active: int, start: UInt16, value: Float32) -> int:
+    """Write the steps of the product, clear what was marked, and return how many they are."""
+    marks, now, at = scratch.marks, scratch.now[:active], 0
+    own, before = np.float32(0), np.float32(-1)
+    k, end = steps.begin[i], steps.end[i]
+    for word in range(len(marks)):
+        bits = marks[word]
+        if bits == 0:
+            continue
+        marks[word] = 0
+        while bits != 0:
+            leaf = np.int64((word << 6) + np.int64(_first_bit(bits)))
+            bits &= bits - np.uint64(1)
+            if k < end and steps.start[k] == leaf:
+                own = steps.value[k]
+                k += 1
+            found = _product(own, scratch.change, now, leaf)
+            if found != before:
+                start[at], value[at] = leaf, found
+                at += 1
+                before = found
+    return at

@@ -1,0 +1,155 @@
+"""Relit scenes: as the leaves say one by one, whatever changes from frame to frame."""
+
+import numpy as np
+import pytest
+
+from processing.errors import GeometryError
+from processing.lighting.brdfs import blinn_phong, lambert
+from processing.lighting.directions import sample_directions
+from processing.lighting.field import trace_field
+from processing.lighting.light import EnvironmentLight
+from processing.lighting.relighting import Relighting
+from processing.lighting.self_visibility import self_visibility
+from processing.lighting.shells import ShellPlan
+from processing.lighting.surroundings import RelitBody
+from processing.lighting.triangle_body import triangle_body
+from processing.products.light_environment import Environment
+from tests.processing.lighting.bodies import box, sphere, square
+from tests.reference.relit import radiance_of
+
+SAMPLED = sample_directions(9)
+RNG = np.random.default_rng(3)
+SKY = Environment(RNG.uniform(0, 2, (6, 8, 8, 3)).astype(np.float32))
+TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0], [0.48, 0.64, 0.6]])
+EYE = np.array([3.0, -4.0, 5.0])
+
+
+def pose(shift, turn=None):
+    found = np.eye(4)
+    found[:3, 3] = shift
+    if turn is not None:
+        found[:3, :3] = turn
+    return found
+
+
+def relit(vertices, triangles, casts=True):
+    body = triangle_body(vertices, triangles)
+    cuts, _ = self_visibility(body, SAMPLED, 0.01)
+    plan = ShellPlan(4, nearest=0.3, farthest=6)
+    field = trace_field(body, SAMPLED, plan.around(body.centre, body.radius))[0] if casts else None
+    return RelitBody(body, cuts, field)
+
+
+@pytest.fixture(scope="module")
+def bodies():
+    return [relit(*square(6.0), casts=False), relit(*box()), relit(*sphere(6, 0.7))]
+
+
+POSES = [pose((0, 0, 0)), pose((0.8, 0.3, 0.6)), pose((-0.9, 0.2, 0.9))]
+
+
+def scene(bodies, poses=POSES):
+    made = Relighting(bodies, SAMPLED, SKY)
+    made.look_from(EYE)
+    for number, where in enumerate(poses):
+        made.move(number, where)
+    return made
+
+
+def by_leaves(bodies, poses, brdfs, turn=TURN, eye=EYE):
+    """All vertices, with the cuts and fields unpacked; each body in its own frame."""
+    found = []
+    for number, relit_body in enumerate(bodies):
+        own = np.linalg.inv(poses[number])
+        light = EnvironmentLight(SKY, SAMPLED).turned(own[:3, :3] @ turn).values
+        body = relit_body.body
+        for vertex in range(len(body.vertices)):
+            visible = relit_body.self_visibility.leaves(vertex).astype(float)
+            for other, casting in enumerate(bodies):
+                if other == number or casting.field is None:
+                    continue
+                to_other = np.linalg.inv(poses[other]) @ poses[number]
+                to_centre = np.linalg.inv(to_other)[:3] @ [*casting.body.centre, 1] - body.origins[vertex]
+                if to_centre @ body.normals[vertex] <= -casting.body.radius:
+                    continue  # a node across the horizon would tell of what lies under it
+                point = to_other[:3, :3] @ body.origins[vertex] + to_other[:3, 3]
+                seen = casting.field.visibility(point[None])[0]
+                turned = SAMPLED.directions @ to_other[:3, :3].T
+                visible *= seen[(turned @ SAMPLED.directions.T).argmax(axis=1)]
+            toward = own[:3, :3] @ eye + own[:3, 3] - body.vertices[vertex]
+            toward /= np.linalg.norm(toward)
+            found.append(radiance_of(visible, light, SAMPLED.directions, body.normals[vertex], toward, brdfs[number]))
+    return np.array(found)
+
+
+WHITE = [lambert(np.full(3, 0.8))] * 3
+
+
+@pytest.mark.parametrize("turned", [None, TURN.T])
+def test_it_is_the_sum_over_the_leaves(bodies, turned):
+    poses = [*POSES[:2], pose((-0.9, 0.2, 0.9), turned)]
+    made = scene(bodies, poses)
+    made.turn_light(TURN)
+    assert np.allclose(made.frame().radiance, by_leaves(bodies, poses, WHITE), rtol=0, atol=3e-4)
+
+
+def test_a_sharp_lobe_is_as_the_leaves_say(bodies):
+    """Nodes are as fine as the lobe asks for: within a twentieth of the light of the brightest vertex."""
+    painted = [blinn_phong(np.full(3, 0.3), np.full(3, 0.4), n) for n in (5.0, 20.0, 60.0)]
+    made = scene(bodies)
+    made.turn_light(TURN)
+    for number, brdf in enumerate(painted):
+        made.paint(number, brdf)
+    expected = by_leaves(bodies, POSES, painted)
+    assert np.abs(made.frame().radiance - expected).max() < 0.05 * expected.max()
+
+
+def test_what_stays_is_not_found_again(bodies):
+    made = scene(bodies)
+    count = made.first[-1]
+    assert made.frame().recomputed == (count, 0, 0)
+    assert made.frame().recomputed == (0, 0, count)
+    made.look_from(EYE + 1)  # white bodies look alike from all sides
+    assert made.frame().recomputed == (0, 0, count)
+    made.turn_light(TURN)
+    assert made.frame().recomputed == (0, count, 0)
+    made.paint(1, blinn_phong(np.zeros(3), np.ones(3), 5.0))
+    assert made.frame().recomputed == (0, 8, count - 8)
+
+
+def test_frames_after_changes_are_frames_from_scratch(bodies):
+    """In any order of moving, turning, painting and looking; the rest that stands still is merged on the way."""
+    made, poses, brdfs = scene(bodies), list(POSES), list(WHITE)
+    for step in range(8):
+        if step < 5:
+            poses[2] = pose((-0.9 + 0.3 * step, 0.2, 0.9))
+            made.move(2, poses[2])
+        elif step == 5:
+            made.turn_light(TURN)
+        elif step == 6:
+            brdfs[0] = blinn_phong(np.full(3, 0.2), np.full(3, 0.5), 12.0)
+            made.paint(0, brdfs[0])
+        else:
+            poses[1] = pose((0.2, 1.3, 0.6), TURN)
+            made.move(1, poses[1])
+        fresh = scene(bodies, poses)
+        fresh.turn_light(TURN if step >= 5 else np.eye(3))
+        fresh.paint(0, brdfs[0])
+        assert np.allclose(made.frame().radiance, fresh.frame().radiance, rtol=1e-4, atol=1e-5), step
+
+
+def test_vertices_that_are_asked_for_are_those_of_all(bodies):
+    every = scene(bodies).frame().radiance
+    some = np.array([0, 3, 5, 12, 20])
+    made = scene(bodies)
+    assert np.array_equal(made.frame(some).radiance, every[some])
+    assert np.allclose(made.frame().radiance, every, rtol=1e-5, atol=1e-6)
+
+
+def test_poses_that_are_not_rigid_are_refused(bodies):
+    made = scene(bodies)
+    for wrong in (np.diag([1.0, 1, -1, 1]), 2 * np.eye(4), np.full((4, 4), np.nan), np.eye(3)):
+        with pytest.raises(GeometryError):
+            made.move(1, wrong)
+    with pytest.raises(GeometryError):
+        made.look_from(np.full(3, np.inf))

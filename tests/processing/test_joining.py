@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from processing.errors import ImageError
 from processing.geometry import texel_grid
 from processing.mesostructure import filled, mesostructure_from
-from processing.products import DirectionMesh, FactoredBtf, Mdf
+from processing.products import Btf, DirectionMesh, Mdf
+from processing.svd import factor_btf
 from tests.benchmarks.yardsticks.material_samples import rings
 
 DIRECTIONS = rings(((0, 1), (40, 6), (70, 6)))
@@ -18,10 +19,9 @@ VIEWS = DirectionMesh.from_directions(DIRECTIONS)
 SIDE_M, TEXELS = 0.054, 8
 
 
-def black(texels: int = TEXELS) -> FactoredBtf:
-    """A BTF of these views."""
-    maps = np.zeros((1, len(DIRECTIONS), texels, texels, 3), np.float32)
-    return FactoredBtf(maps, np.ones((1, len(DIRECTIONS)), np.float32), VIEWS, VIEWS)
+def black() -> Btf:
+    """A BTF of these views under three lights."""
+    return Btf(np.zeros((3, len(DIRECTIONS), TEXELS, TEXELS, 3), np.float32), DIRECTIONS[:3], DIRECTIONS)
 
 
 def measured(depth_m: np.ndarray, plane_m: float = 0.0, away_m: float = np.inf) -> Mdf:
@@ -115,6 +115,19 @@ def test_views_are_found_by_their_direction_in_any_order():
 def test_a_flat_sample_in_the_plane_has_no_depth():
     made = mesostructure_from(black(), measured(np.zeros((len(DIRECTIONS), TEXELS, TEXELS)))).mesostructure
     assert made.deepest == 0.0
+
+
+@pytest.mark.parametrize(("views", "terms"), [(len(DIRECTIONS), 12), (3, 9)])
+def test_the_eigenmaps_are_twelve_grey_ones_in_bytes_or_as_many_as_the_views_offer(views, terms):
+    """They err as the terms that were not kept, and half a step of a byte's code."""
+    values = np.random.default_rng(5).uniform(0, 1, (4, views, TEXELS, TEXELS, 3)).astype(np.float32)
+    btf, mdf = Btf(values, DIRECTIONS[[0, 1, 3, 5]], DIRECTIONS[:views]), measured(some_depths(5))
+    joined, exact = mesostructure_from(btf, mdf), factor_btf(btf, terms, "grey")
+    made = joined.mesostructure.btf
+    assert (made.eigenmaps.dtype, made.eigenmaps.shape) == (np.uint8, (terms, 4, TEXELS, TEXELS, 1))
+    assert joined.error == exact.relative_rmse(terms)
+    for k in range(terms):
+        assert np.abs(made.values(k) - exact.btf.values(k)).max() <= 0.501 * made.coding.step[k].max()
 
 
 @pytest.mark.parametrize(

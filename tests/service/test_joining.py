@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from processing.errors import ImageError
-from processing.products import DirectionMesh, FactoredBtf, Mdf, Mesostructure
+from processing.products import Btf, Mdf, Mesostructure
 from rig.sessions import Session, parse_plan
 from service.cli import app
 from service.joining import join_sessions
@@ -34,9 +34,8 @@ def session(folder: Path, kind: str, **changes) -> Path:
 
 def add_btf(folder: Path, texels: int = 8) -> None:
     """What it looks like, as if it had been processed."""
-    mesh = DirectionMesh.from_directions(DIRECTIONS)
-    maps = np.ones((1, len(DIRECTIONS), texels, texels, 3), np.float32)
-    FactoredBtf(maps, np.ones((1, len(DIRECTIONS)), np.float32), mesh, mesh).save(folder / "products" / "factored_btf")
+    values = np.ones((len(DIRECTIONS), len(DIRECTIONS), texels, texels, 3), np.float32)
+    Btf(values, DIRECTIONS, DIRECTIONS).save(folder / "products" / "btf")
 
 
 def add_mdf(folder: Path, directions: np.ndarray = DIRECTIONS, missing: int = 0) -> None:
@@ -62,6 +61,7 @@ def test_joined_it_is_a_product_that_names_both_sessions(pair, tmp_path):
     assert "13 views of 8 x 8 texels, at most 1.5 mm deep" in result.output
     assert "25.0% of the depths were not measured" in result.output
     assert "lasers from more sides" in result.output
+    assert "12 grey eigenmaps leave 0.0% of the BTF's rms" in result.output
     made = Mesostructure.load(tmp_path / "weave")
     np.testing.assert_allclose(made.depths * made.step * 60, 1.5, rtol=1e-5)
     assert made.plane == pytest.approx(1 / 60)

@@ -117,9 +117,8 @@ class GlRenderer:
 
     def _draw(self, scene: Scene, defines: frozenset[str], target: Target) -> None:
         shadows = self._shadows.of(scene) if scene.shadows else None
-        frame = _Frame(
-            scene, camera_rays(scene.camera, scene.positions), shadows, defines | {"SHADOWS"} if shadows else defines
-        )
+        defines |= {"SHADOWS"} if shadows else set()
+        frame = _Frame(scene, camera_rays(scene.camera, scene.positions), shadows, defines)
         plain = [body for body in scene.bodies if not isinstance(body.material, Mesostructure)]
         images = range(len(target.images) - 1)
         picture = target.some(*images, deep=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from processing.products import Mesostructure
+from processing.products import FactoredBtf, Mesostructure
 from render.arrays import Float64, unit
 from render.camera import Camera
 from render.light_view import SIDE_PX
@@ -104,7 +104,8 @@ def _under(light: Light, body: Body, sight: Sight, footprint: Float64 | None) ->
 
 def _ambient(body: Body, sight: Sight, footprint: Float64 | None) -> Float64:
     """Radiance (n, 3) for unit irradiance from everywhere."""
-    if isinstance(body.material, Mesostructure):
-        return body.material.btf.ambient(sight.uv, sight.view)
+    btf = body.material.btf if isinstance(body.material, Mesostructure) else body.material
+    if isinstance(btf, FactoredBtf):
+        return btf.ambient(sight.uv, sight.view)
     straight = np.broadcast_to([0.0, 0.0, 1.0], sight.view.shape)
     return outgoing(body.material, sight.uv, straight, sight.view, footprint)

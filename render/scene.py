@@ -49,7 +49,7 @@ class Scene:
     """Bodies, camera and at least one light.
 
     `ambient` (3,) is irradiance that reaches every point as if from straight above its surface, or, where it has a
-    sample of known depth, equally from everywhere; zero unless wanted.
+    factored BTF, equally from everywhere; zero unless wanted.
     With `shadows` bodies keep light from each other and from themselves.
     Raises SceneError for no body and for no light.
     """

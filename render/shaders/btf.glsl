@@ -77,6 +77,8 @@ vec3 outgoing(Material here, vec3 light) {
     return vec3(total[0], total[1], total[2]) * light.z;
 }
 
+#define KNOWS_AMBIENT
+
 // Radiance for unit irradiance that comes equally from everywhere.
 vec3 ambient(Material here) {
     float total[3] = float[3](0.0, 0.0, 0.0);

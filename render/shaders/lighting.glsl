@@ -1,11 +1,11 @@
 // Lights and outputs that all materials share. A material's file defines `Material`, with what all lights of a pixel
-// share, `outgoing` and, where WRAPPED is set, `ambient`, before this.
+// share, `outgoing` and, where KNOWS_AMBIENT is set, `ambient`, before this.
 #include "frames.glsl"
 
 uniform int light_count;
 uniform vec3 light_direction[65];    // a zero vector: light from straight above the surface, everywhere
 uniform vec3 light_irradiance[65];
-uniform vec3 ambient_irradiance;     // where WRAPPED is set; else ambient light is one of the lights
+uniform vec3 ambient_irradiance;     // where KNOWS_AMBIENT is set; else ambient light is one of the lights
 
 #ifdef G_BUFFER
 // One light of unit irradiance, and exactly what its radiance was computed from.
@@ -60,7 +60,7 @@ vec3 radiance_of(Material here, mat3 frame, vec3 tile, vec3 point) {
 #endif
         total += irradiance * returned(here, local_light(i, frame), tile);
     }
-#ifdef WRAPPED
+#ifdef KNOWS_AMBIENT
     if (ambient_irradiance != vec3(0.0)) {
         total += ambient_irradiance * ambient(here);
     }

@@ -85,6 +85,15 @@ def test_shadows_are_the_reference_s(shading, egg_tray):
     assert (lit.radiance - drawn.radiance).max() > 0.1 * lit.radiance.max()
 
 
+def test_ambient_light_on_a_plain_btf_comes_from_everywhere(gl, egg_tray):
+    """With and without its depths: what it returns to all lights together, not to one straight above."""
+    mesh, dark = sphere(shape=(12, 24)), replace(KEY, irradiance=np.zeros(3))
+    for material in (egg_tray, egg_tray.btf):
+        here = replace(scene(Body(mesh, material), ambient=(0.3, 0.2, 0.1)), lights=(dark,))
+        drawn = gl.draw(here)
+        assert_same(drawn, ReferenceRenderer().draw(here))
+
+
 def test_several_lights_have_a_shadow_map_each(shading, egg_tray):
     """What two lights give together is the sum of what each gives alone."""
     here = scene(Body(torus(shape=(24, 60)), egg_tray), Body(floor(-0.6), egg_tray), shadows=True)

@@ -117,7 +117,8 @@ class GlRenderer:
 
     def _draw(self, scene: Scene, defines: frozenset[str], target: Target) -> None:
         shadows = self._shadows.of(scene) if scene.shadows else None
-        defines |= {"SHADOWS"} if shadows else set()
+        kinds = {"SHADOWS": shadows is not None, "AMBIENT": any(scene.ambient)}
+        defines |= {name for name, wanted in kinds.items() if wanted}
         frame = _Frame(scene, camera_rays(scene.camera, scene.positions), shadows, defines)
         plain = [body for body in scene.bodies if not isinstance(body.material, Mesostructure)]
         images = range(len(target.images) - 1)

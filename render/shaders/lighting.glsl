@@ -61,9 +61,7 @@ vec3 radiance_of(Material here, mat3 frame, vec3 tile, vec3 point) {
         total += irradiance * returned(here, local_light(i, frame), tile);
     }
 #ifdef KNOWS_AMBIENT
-    if (ambient_irradiance != vec3(0.0)) {
-        total += ambient_irradiance * ambient(here);
-    }
+    total += ambient_irradiance * ambient(here);
 #endif
     return total;
 #endif

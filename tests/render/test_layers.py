@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from render import shadows
+from render.camera import look_at
+from render.mesh import mesh_from_uv
 from render.opengl import GlRenderer
 from render.picture import Picture
 from render.reference import ReferenceRenderer
@@ -162,3 +164,52 @@ def test_a_second_layer_is_seen_through_the_first(egg_tray):
         pixels.append(int(renderer.draw(here).mask.sum()))
         renderer.release()
     assert pixels[0] < pixels[1] <= pixels[2]
+
+
+def stressed(egg_tray) -> dict[str, Scene]:
+    """What a scene file or a camera may ask for, each a place where a shader may divide by nothing or lose a face."""
+    ring = torus(shape=(24, 60))
+    mirrored = mesh_from_uv(ring.positions, ring.normals, ring.uv * [-1.0, 1.0], ring.triangles)
+    flat = replace(ring, triangles=np.concatenate([ring.triangles, ring.triangles[:50][:, [0, 1, 1]]]))
+    ground = Body(floor(0.0), egg_tray)
+    tube = Body(cylinder(0.5, 2.0, tiles=(6.0, 4.0), shape=(8, 48)), egg_tray)
+
+    def seen_from(eye, at, *bodies: Body) -> Scene:
+        return Scene(bodies, look_at(eye, at, SIZE, field_of_view_rad=0.7), (KEY,), shadows=True)
+
+    return {
+        "mirrored texture and seams": scene(Body(mirrored, egg_tray)),
+        "triangles without area": scene(Body(flat, egg_tray)),
+        "a floor seen along itself": seen_from((4.0, 0.0, 0.03), (0.0, 0.0, 0.0), ground),
+        "a tube seen along its end": seen_from((6.0, 0.0, 1.001), (0.0, 0.0, 1.0), tube),
+        "inside the bounding box": seen_from((0.0, 0.0, 0.0), (1.0, 0.3, 0.0), Body(ring, egg_tray)),
+        "inside the body": seen_from((1.0, 0.0, 0.0), (-1.0, 0.1, 0.0), Body(ring, egg_tray)),
+    }
+
+
+STRESSED = (
+    "mirrored texture and seams",
+    "triangles without area",
+    "a floor seen along itself",
+    "a tube seen along its end",
+    "inside the bounding box",
+    "inside the body",
+)
+
+
+@pytest.mark.parametrize("name", STRESSED)
+def test_stress_is_the_reference_s(shading, egg_tray, name):
+    """Finite, and the same pixels with the same radiance."""
+    here = stressed(egg_tray)[name]
+    drawn, reference = shading.draw(here), ReferenceRenderer(SHADOW_PX).draw(here)
+    assert np.isfinite(drawn.radiance).all()
+    assert np.isfinite(reference.radiance).all()
+    assert_same(drawn, reference)
+
+
+def test_of_a_sample_deeper_than_its_body_nothing_is_left(gl):
+    """One tile around a ring is longer than its tube is thick: no ray comes to the sample before it leaves."""
+    ring = torus(shape=(24, 60))
+    here = scene(Body(replace(ring, uv=ring.uv / ring.uv.max(axis=0)), level(0.99)))
+    assert not ReferenceRenderer().draw(here).mask.any()
+    assert not gl.draw(here).mask.any()

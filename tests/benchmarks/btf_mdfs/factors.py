@@ -3,7 +3,8 @@
 `svd_rank4_relative_mse` is the squared error of four coloured terms over the sum of squares, of the worst sample, both
 times the light's cosine squared; rows have every sample with coloured and grey maps of more terms and in fewer bits.
 `svd_out_of_core_rate` is the time of factors of a BTF that lies in memory over that of the same BTF read from its store
-in both passes; a row has the time to load it first in the numerator. `svd_peak_memory_ratio` is what streaming
+in both passes, both on the clock: works take turns after one that warms files and threads, and the figure is the median
+of the turns' quotients; a row has the time to load it first in the numerator. `svd_peak_memory_ratio` is what streaming
 allocates, its result among it, over the BTF as float32. `eigenmap_bytes` are of four grey terms of bytes at 64 x 64
 texels and 12 x 5 lights and views, as is `mdf_bytes`; rows have the paper's three layouts. Its own sizes do not follow
 from them: four eigenmaps of three bytes a texel are 2.95, 18.9 and 4.72 MB, not 1.3, 7.5 and 5.3, and bytes of the MDF
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.products import Btf, DirectionMesh, FactoredBtf, StoredBtf
-from processing.svd import Factorisation, factor_btf
+from processing.svd import factor_btf
 from render.errors import GlUnavailableError
 from render.opengl import GlRenderer
 from render.scene import Scene, framed, light
@@ -38,6 +39,7 @@ Array = NDArray[Any]
 Row = dict[str, object]
 SEED = 1
 RANK = 4
+QUICK_SAMPLES = ("brick", "pipe")  # whose tracing is the shortest
 POLAR_DEG = {5: (10, 25, 40, 55, 70), 8: (5, 15, 25, 35, 45, 55, 65, 75)}
 # Texels a side, polar angles, and the paper's sizes of eigenmaps and MDF in bytes (Wang et al. 2005, table 1).
 LAYOUTS = {
@@ -51,9 +53,9 @@ KEY = light(np.radians(-35.0), np.radians(40.0))
 
 
 def run(*, quick: bool) -> Result:
-    """Everything; quick on smaller tiles, fewer directions and smaller pictures."""
-    errors, over_least = _errors(*((12, 3) if quick else (64, 5)))
-    times, streamed = _streamed(*((32, 5) if quick else (128, 8)), turns=3 if quick else 5)
+    """Everything; quick of two samples, on smaller tiles, fewer directions and smaller pictures."""
+    errors, over_least = _errors(QUICK_SAMPLES, 12, 3) if quick else _errors(SAMPLES, 64, 5)
+    times, streamed = _streamed(48 if quick else 64, 5, turns=2 if quick else 7)
     sizes = list(_sizes())
     first = next(row for row in sizes if row["method"] == "4 grey eigenmaps, bytes")
     figures = {
@@ -71,12 +73,12 @@ def directions(polar: int) -> Array:
     return rings([(angle, 12) for angle in POLAR_DEG.get(polar, POLAR_DEG[5][:polar])])
 
 
-def _errors(texels: int, polar: int) -> tuple[list[Row], float]:
-    """Squared errors of all samples over their squares, and the worst root of it over the least that rank 4 allows."""
+def _errors(samples: tuple[str, ...], texels: int, polar: int) -> tuple[list[Row], float]:
+    """Squared errors of samples over their squares, and the worst root of it over the least that rank 4 allows."""
     rows: list[Row] = []
     over_least = 0.0
     ways = directions(polar)
-    for sample in SAMPLES:
+    for sample in samples:
         btf = Btf(btf_below(sample, SEED, (ways, ways), texels, 1, PLANES_M[sample]), ways, ways)
         most = {colour: factor_btf(btf, 12, colour).btf for colour in ("colour", "grey")}
         for rank, colour in TERMS:
@@ -90,7 +92,7 @@ def _errors(texels: int, polar: int) -> tuple[list[Row], float]:
                 rows.append({"method": f"{rank} {colour}{coding}", "on": sample, "error": mse,
                              "unit": "of the sum of squares", "bytes": product.nbytes})  # fmt: skip
         plain = next(row for row in rows if row["on"] == sample and row["method"] == f"{RANK} colour")
-        over_least = max(over_least, float(plain["error"]) ** 0.5 / eckart_young(btf, RANK))
+        over_least = max(over_least, float(plain["error"]) ** 0.5 / float(eckart_young(btf, RANK)))
     return rows, over_least
 
 
@@ -104,38 +106,42 @@ def _streamed(texels: int, polar: int, turns: int) -> tuple[dict[str, float], li
         Btf(repeated, ways, ways).save(Path(folder))
         stored, held = StoredBtf.open(Path(folder)), Btf.load(Path(folder))
         whole = held.reflectance.nbytes
-        ways_of: dict[str, Callable[[], Factorisation]] = {
+        ways_of: dict[str, Callable[[], Any]] = {
             "in memory": lambda: factor_btf(held, RANK),
             "streamed": lambda: factor_btf(stored, RANK),
             "loaded first": lambda: factor_btf(Btf.load(Path(folder)), RANK),
         }
-        spent = _spent(ways_of, turns)
+        turn = _turns(ways_of, turns)
         peak = {name: _peak(work) / whole for name, work in ways_of.items()}
+    spent = {name: np.median(each, axis=0) for name, each in turn.items()}
+    rates = {
+        name: float(np.median(turn[name][:, 0] / turn["streamed"][:, 0])) for name in ("in memory", "loaded first")
+    }
     rows: list[Row] = [
-        {"method": f"factors, {name}", "on": f"{texels} x {texels}, 12 x {polar}", "seconds": spent[name][0],
-         "own_s": spent[name][1], "memory": peak[name], "samples_per_s": whole / 4 / spent[name][0],
-         "streamed_rate": spent[name][0] / spent["streamed"][0]} for name in spent
+        {"method": f"factors, {name}", "on": f"{texels} x {texels}, 12 x {polar}", "seconds": float(spent[name][0]),
+         "own_s": float(spent[name][1]), "memory": peak[name], "samples_per_s": whole / 4 / float(spent[name][0])}
+        for name in spent
     ]  # fmt: skip
-    rate = spent["in memory"][0] / spent["streamed"][0]
+    rows += [{"method": f"streamed rate over {name}", "rate": rate} for name, rate in rates.items()]
     return {
-        "svd_s": spent["in memory"][0],
-        "svd_out_of_core_rate": rate,
+        "svd_s": float(spent["in memory"][0]),
+        "svd_out_of_core_rate": rates["in memory"],
         "svd_peak_memory_ratio": peak["streamed"],
     }, rows
 
 
-def _spent(works: dict[str, Callable[[], Factorisation]], turns: int) -> dict[str, list[float]]:
-    """Medians of seconds on the clock and of the processor, of works that took turns."""
+def _turns(works: dict[str, Callable[[], Any]], turns: int) -> dict[str, Array]:
+    """Seconds on the clock and of the processor (turn, 2), of works that take turns after one that is not counted."""
     spent: dict[str, list[tuple[float, float]]] = {name: [] for name in works}
-    for _ in range(turns):
+    for _ in range(turns + 1):
         for name, work in works.items():
             begun_s = time.perf_counter(), time.process_time()
             work()
             spent[name].append((time.perf_counter() - begun_s[0], time.process_time() - begun_s[1]))
-    return {name: np.median(each, axis=0).tolist() for name, each in spent.items()}
+    return {name: np.array(each[1:]) for name, each in spent.items()}
 
 
-def _peak(work: Callable[[], Factorisation]) -> float:
+def _peak(work: Callable[[], Any]) -> float:
     tracemalloc.start()
     work()
     peak = tracemalloc.get_traced_memory()[1]
@@ -190,8 +196,7 @@ def _frames(quick: bool) -> Iterator[Row]:
         name: (lambda scene=scene: renderer.draw_unread(scene)) for name, scene in scenes.items()
     }
     try:
-        _spent(works, 2)
-        spent = _spent(works, 5 if quick else 20)
+        spent = {name: np.median(each, axis=0) for name, each in _turns(works, 5 if quick else 20).items()}
     finally:
         renderer.release()
     # A software rasteriser's time is the processor's: what else runs delays the clock.

@@ -21,7 +21,7 @@ from render.shapes import cylinder, plane, sphere, torus
 from tests.render import synthetic
 from tests.render.reliefs import level, relief, waves
 
-SIZE = (100, 80)
+SIZE, SMALL = (100, 80), (60, 48)
 SHADOW_PX = 96
 KEY = light(-0.4, 0.7)
 # Of the pixels: single ones along the edges.
@@ -175,7 +175,7 @@ def stressed(egg_tray) -> dict[str, Scene]:
     tube = Body(cylinder(0.5, 2.0, tiles=(6.0, 4.0), shape=(8, 48)), egg_tray)
 
     def seen_from(eye, at, *bodies: Body) -> Scene:
-        return Scene(bodies, look_at(eye, at, SIZE, field_of_view_rad=0.7), (KEY,), shadows=True)
+        return Scene(bodies, look_at(eye, at, SMALL, field_of_view_rad=0.7), (KEY,), shadows=True)
 
     return {
         "mirrored texture and seams": scene(Body(mirrored, egg_tray)),

@@ -1,12 +1,12 @@
 """Ways to draw relief on the same meshes in one run: error along silhouettes, masks, time of a frame, and bytes.
 
-The truth is ray-traced relief (`displaced`). Rows have, for each scene and method, the mean FLIP in a band of 8 pixels
-around the true silhouettes and over the whole picture, the masks' intersection over union, a frame's time (of a
-software rasteriser the processor's) over that of the plain BTF, frames having taken turns, and the bytes of the maps.
-Pictures are drawn with 2 x 2 samples to a pixel; frames for time with one and 800 x 600 pixels, but for the paper's
-test: that is drawn by NumPy, whose time says nothing. The peers' maps are true, of as many texels as the BTF, and their
-shaders reflect as the samples do: a measured height map with fitted materials would do worse. Shadows of bodies are in
-the truth, and drawn by none but where the method says so.
+The truth is ray-traced relief (`displaced`). Rows have, for each scene (`size`) and method, as `error` the mean FLIP
+in a band of 8 pixels around the true silhouettes and over the whole picture, the masks' intersection over union, a
+frame's time (of a software rasteriser the processor's) over that of the plain BTF, frames having taken turns, and the
+bytes of the maps. Pictures are drawn with 2 x 2 samples to a pixel; frames for time with one and 800 x 600 pixels, but
+for the paper's test: that is drawn by NumPy, whose time says nothing. The peers' maps are true, of as many texels as
+the BTF, and their shaders reflect as the samples do: a measured height map with fitted materials would do worse.
+Shadows of bodies are in the truth, and drawn by none but where the method says so.
 """
 
 import time
@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from processing.products import Mesostructure
 from render.errors import GlUnavailableError
 from render.materials import Material
 from render.opengl import GlRenderer
@@ -44,7 +43,7 @@ class _Size:
 
 
 _QUICK = _Size((160, 120), 2, QUICK)
-_FULL = _Size((400, 300), 6, FULL)
+_FULL = _Size(SIZE, 6, FULL)
 
 
 @dataclass(frozen=True)
@@ -95,16 +94,19 @@ def _compared(
     for method, way in ways.items():
         picture = way.draw(fine).averaged(SUPERSAMPLING)
         apart = flip_map(true.picture, picture)
-        row = {"method": method, "on": name, "band_flip": float(apart[band].mean()), "flip": float(apart.mean()),
-               "mask_iou": mask_iou(true.picture, picture), "bytes": way.nbytes}  # fmt: skip
-        yield row | ({"own_s": spent[method], "over_plain_s": spent[method] / spent[PLAIN]} if method in spent else {})
+        row: Row = {"method": method, "size": name, "error": float(apart[band].mean()), "unit": "FLIP",
+               "flip": float(apart.mean()), "mask_iou": mask_iou(true.picture, picture), "bytes": way.nbytes,
+               "peer": method not in (OURS, SHADOWS)}  # fmt: skip
+        if method in spent:
+            row |= {"seconds": spent[method], "over_plain_s": spent[method] / spent[PLAIN]}
+        yield row
 
 
 def _ways(
     samples: tuple[str, ...], renderers: tuple[GlRenderer, ReliefRenderer], measured: Measured
 ) -> Iterator[tuple[str, _Way]]:
     """All ways with their names, for materials of these samples."""
-    structures = {name: _coded(measured.of(name)) for name in samples}
+    structures = {name: measured.of(name) for name in samples}
     maps = {name: relief_maps(name, SEED, measured.texels) for name in samples}
     plain = {name: each.btf for name, each in structures.items()}
     nbytes = sum(each.btf.nbytes + each.depths.nbytes for each in structures.values())
@@ -114,11 +116,6 @@ def _ways(
     yield PAPER, _Way(lambda figure: paper_silhouettes.draw(figure.scene(structures)), nbytes)
     yield OURS, _by_material(renderers[0], structures, nbytes)
     yield SHADOWS, _by_material(renderers[0], structures, nbytes, shadows=True)
-
-
-def _coded(structure: Mesostructure) -> Mesostructure:
-    """With maps of a byte."""
-    return replace(structure, btf=structure.btf.coded(np.uint8))
 
 
 def _by_material(

@@ -23,9 +23,8 @@ from render.opengl import GlRenderer
 from render.reference import ReferenceRenderer
 from render.scene import orbiting_light
 from service.bench import Result
-from tests.benchmarks.btf_mdfs.accuracy import FULL, QUICK, SEED, Measured
+from tests.benchmarks.btf_mdfs.accuracy import FULL, QUICK
 from tests.benchmarks.yardsticks.figure_scenes import FigureScene, figure_scene
-from tests.benchmarks.yardsticks.mesostructures import mesostructure, polar_grid
 
 Row = dict[str, Any]
 SCENES = ("two tori", "knot on floor", "torus 8 x 3", "torus 3 x 1", "cylinder", "statue")
@@ -34,7 +33,6 @@ WARM = 2  # frames that compile and upload
 PEELS = 2
 PLAIN, SILHOUETTES, SHADOWS = "plain BTF", "with silhouettes", "with shadows too"
 RESTING = "with shadows of a light at rest"
-TERMS = 12
 TURN_RAD = 1e-3  # of the light from frame to frame
 SMALL = (160, 120)
 
@@ -49,8 +47,8 @@ def run(*, quick: bool) -> Result:
     try:
         for name in QUICK_SCENES if quick else SCENES:
             figure = figure_scene(name)
-            made = as_joined(QUICK, QUICK_SAMPLE) if quick else None
-            materials = {sample: made or as_joined(FULL, sample) for sample in figure.samples}
+            made = QUICK.of(QUICK_SAMPLE) if quick else None
+            materials = {sample: made or FULL.of(sample) for sample in figure.samples}
             rows += frame_times(peeling, whole, name, figure, materials, 3 if quick else 15)
             rows.append(errors(whole, name, materials))
     finally:
@@ -63,13 +61,6 @@ def run(*, quick: bool) -> Result:
         "gl_vs_reference": max(row["error"] for row in rows if "error" in row),
     }
     return Result(figures, rows)
-
-
-def as_joined(measured: Measured, sample: str) -> Mesostructure:
-    """The sample as `rig join` makes it of products of the default kind: grey terms, in bytes."""
-    ways = (polar_grid(measured.azimuths, polar) for polar in (measured.lights, measured.views))
-    made = mesostructure(sample, SEED, measured.texels, *ways, TERMS, measured.rays, "grey")
-    return replace(made, btf=made.btf.coded(np.uint8))
 
 
 def frame_times(

@@ -1,6 +1,5 @@
 """BTFs with depths, of the ray-traced periodic samples, without noise: what a perfect capture would give a renderer."""
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -34,9 +33,7 @@ def mesostructure(
     """One period of a sample, with as many rays to a texel's reflectance; kept for the next who asks for the same.
 
     Lights (n, 3) and views (m, 3) are unit vectors at most 80 deg from the normal. Depths are true to half a step of
-    their 8-bit code. Texels lie on the plane that was found for the sample's BTF (`PLANES_M`), on other seeds. The
-    terms are those of least error with the cosine inside: without it a few glints under low lights take them all, and
-    a brick of 61 x 61 directions is drawn a quarter too dark with four.
+    their 8-bit code. Texels lie on the plane that was found for the sample's BTF (`PLANES_M`), on other seeds.
     """
     return _mesostructure((sample, seed, texels, rays), (_hashable(lights), _hashable(views)), rank, colour)
 
@@ -52,23 +49,20 @@ def _mesostructure(
 ) -> Mesostructure:
     sample, seed = which[:2]
     lit, deep = _measured(which, ways)
-    cosine = lit.light_directions[:, 2].astype(np.float32).reshape(-1, 1, 1, 1)
-    factored = factor_btf(lit, rank, colour).btf
     step = float(np.nanmax(deep)) / _CODES
     codes = np.rint(np.nan_to_num(deep, nan=step * _CODES) / step).astype(np.uint8)
     plane = PLANES_M[sample] / one_period(sample, seed, (lit.light_directions, lit.view_directions))[1]
     mesh = DirectionMesh.from_directions(lit.view_directions)
-    return Mesostructure(replace(factored, eigenmaps=factored.eigenmaps / cosine), codes, step, mesh, plane)
+    return Mesostructure(factor_btf(lit, rank, colour).btf, codes, step, mesh, plane)
 
 
 @lru_cache(maxsize=2)
 def _measured(which: tuple[str, int, int, int], ways: tuple[_Ways, _Ways]) -> tuple[Btf, Array]:
-    """The BTF with the cosine inside, and depths in periods."""
+    """The BTF, and depths in periods."""
     sample, seed, texels, rays = which
     lights, views = map(np.array, ways)
     plane_m, period_m = PLANES_M[sample], one_period(sample, seed, (lights, views))[1]
     values = btf_below(sample, seed, (lights, views), texels, rays, plane_m)
-    values *= lights[:, 2].astype(np.float32).reshape(-1, 1, 1, 1, 1)
     return Btf(values, lights, views), depths(sample, seed, views, texels, plane_m) / period_m
 
 

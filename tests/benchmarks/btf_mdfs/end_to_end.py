@@ -39,7 +39,7 @@ TILES, QUICK_TILES = ((6, 2), (3, 1)), ((6, 2),)  # the first is the figure's
 SIZE, QUICK_SIZE = (800, 600), (240, 180)
 _TERMS: tuple[int, Colour] = (12, "grey")
 _CAMERAS = {"cameras": ["cam0", "cam7"]}
-_FEW = _CAMERAS | {"turntable_deg": [0, 120, -120], "texels": 48}
+_FEW = _CAMERAS | {"turntable_deg": [0, 120, -120], "texels": 24}
 _QUICK = {
     "calibrate": _CAMERAS | {"board_poses": 4, "turntable_deg": [-90, 90]},
     "btf": _FEW | {"light_azimuth_deg": [60, 180, -60], "lamps": ["lamp2", "lamp6"], "exposures_s": [0.04]},

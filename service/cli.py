@@ -167,7 +167,8 @@ def preview(
     ] = 40.0,
     elevation_deg: Annotated[float, typer.Option(help="Of the light, from the horizon.")] = 45.0,
     environment: Annotated[
-        Path | None, typer.Option(help="Light from all around instead: a picture twice as wide as high (.exr, .hdr).")
+        Path | None,
+        typer.Option(help="Light from all around instead: a picture (.exr, .hdr) or environment."),
     ] = None,
     size: Annotated[int, typer.Option(help="Pixels on a side.", min=16, max=4096)] = 600,
 ) -> None:

@@ -194,3 +194,45 @@ def rti(
         files = PhotographFiles(source, mask, chrome, linear)
         for line in relighting.relight_photographs(files, out, pixel_m=pixel_mm / 1e3, unequal_lights=unequal_lights):
             tell(line)
+
+
+@materials.command()
+def environment(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(metavar="SOURCE...", help="A panorama (.exr, .hdr), folders FRONT BACK, or all photographs."),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the new product.")],
+    field_deg: Annotated[float, typer.Option(help="Of view of the fish-eye, which its image circle shows.")] = 190.0,
+    size: Annotated[int, typer.Option(help="Texels along a side of the cubemap.", min=8, max=1024)] = 128,
+    azimuth_deg: Annotated[
+        float, typer.Option(help="Where the front, or a panorama's middle, looks; from +X toward +Y.")
+    ] = 0.0,
+    mask: Annotated[
+        Path | None, typer.Option(help="Picture that is not black where the lens's frame is mirrored; else looked for.")
+    ] = None,
+    hide: Annotated[
+        list[str] | None,
+        typer.Option(metavar="LEFT,TOP,WIDTH,HEIGHT", help="Pixels where the frame is mirrored; may be repeated."),
+    ] = None,
+    keep_reflections: Annotated[
+        bool, typer.Option("--keep-reflections", help="Do not look for the frame's reflections.")
+    ] = False,
+    turn: Annotated[
+        str, typer.Option(metavar="X,Y,Z", help="Degrees by which front to back is off half a turn; else found.")
+    ] = "",
+    panorama: Annotated[
+        Path | None, typer.Option(help="Write the light as an equirectangular picture as well (.exr, .hdr).")
+    ] = None,
+) -> None:
+    """Make an environment, the light of a place, of two bracketed fish-eye photographs, or of a panorama.
+
+    Photographs in one folder are told apart by their times and exposures; in two, the front's are named first.
+    What it needs and writes: docs/light-of-a-place.md
+    """
+    from service.environment import PlaceOptions, make_environment
+
+    with reported_errors():
+        options = PlaceOptions(field_deg, size, azimuth_deg, mask, tuple(hide or ()), not keep_reflections, turn)
+        for line in make_environment(sources, out, options, panorama):
+            tell(line)

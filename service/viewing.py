@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from processing.environment.equirectangular import panorama_of
 from processing.errors import ImageError
-from processing.products import FactoredBtf, Mesostructure, SbrdfPlus, Srf
+from processing.products import Environment, FactoredBtf, Mesostructure, SbrdfPlus, Srf
+from render.environment import Environment as Panorama
 from render.environment import median_cut
 from render.environment_file import load_environment
 from render.errors import SceneError
@@ -23,6 +25,7 @@ from render.shapes import captured_sphere, cylinder, knot, plane, sphere, statue
 from render.showcase import write_showcase
 from render.srf import repeating
 from render.wrapping import wrapping
+from service.environment_pictures import draw_environment
 from service.files import replaced
 from service.pictures import (
     STILL,
@@ -64,6 +67,7 @@ MAPS = {
     "light_stack": draw_light_stack,
     "normals": draw_normals,
     "sensor": draw_sensor,
+    "environment": draw_environment,
 }
 
 
@@ -123,10 +127,18 @@ def _showing(material: Material) -> Mesh:
 
 
 def lights_of(azimuth_deg: float, elevation_deg: float, environment: Path | None) -> tuple[Light, ...]:
-    """One light; or those that stand for an environment whose middle lies at the azimuth. Raises SceneError."""
+    """One light; or those that stand for an environment whose middle lies at the azimuth.
+
+    The environment is an equirectangular file, or the folder of a product. Raises SceneError, ImageError.
+    """
     if environment is None:
         return (light(radians(azimuth_deg), radians(elevation_deg)),)
-    return median_cut(load_environment(environment, azimuth_rad=radians(azimuth_deg)), ENVIRONMENT_LIGHTS)
+    azimuth_rad = radians(azimuth_deg)
+    if not environment.is_dir():
+        return median_cut(load_environment(environment, azimuth_rad=azimuth_rad), ENVIRONMENT_LIGHTS)
+    product = Environment.load(environment)
+    picture = np.asarray(panorama_of(product, 2 * product.size).picture, np.float32)
+    return median_cut(Panorama(picture, azimuth_rad), ENVIRONMENT_LIGHTS)
 
 
 def draw_product(

@@ -3,6 +3,7 @@
 import io
 import logging
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from typing import Any
 
 import exifread
@@ -57,3 +58,13 @@ def exposure_s(tags: dict[str, Any]) -> float:
     label = number(tags, "ExposureTime")
     shutter = float(np.exp2(-np.clip(number(tags, "ShutterSpeedValue"), -60, 60)))
     return shutter if abs(shutter - label) < _LABEL_TOLERANCE * label else label
+
+
+def taken_s(tags: dict[str, Any]) -> float:
+    """When a photograph was taken, in seconds by the camera's clock; NaN where it is not told."""
+    try:
+        taken = datetime.strptime(text(tags, "DateTimeOriginal"), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+    except ValueError:
+        return float("nan")
+    part = text(tags, "SubSecTimeOriginal")
+    return taken.timestamp() + (float(f"0.{part}") if part.isdecimal() else 0.0)

@@ -54,7 +54,7 @@ def picture_files(source: Path) -> tuple[Path, ...]:
     """The pictures of a folder in the order of their names, of one size. Raises ImageError as `read_sequence`."""
     # Hidden files are no pictures: copies from other systems leave some with a picture's ending.
     found = (path for path in source.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != ".")
-    files = sorted(found, key=_natural)
+    files = sorted(found, key=natural_order)
     if not files:
         raise ImageError(f"{source}: no picture in it ({', '.join(PICTURES)}).")
     first = _size(files[0])
@@ -121,6 +121,6 @@ def _size(path: Path) -> tuple[int, int]:
         raise ImageError(f"{path}: not a readable image: {error}") from error
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Numbers within a name count as numbers."""
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """Key of the order of names in which numbers count as numbers: frame2 before frame10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

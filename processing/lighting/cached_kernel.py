@@ -13,6 +13,9 @@ def cached_frame(steps: Steps, surface: Surface, sums: Float64, radiance: Float3
     nodes = room_for_nodes(leaves)
     node_start, node_f = nodes.start, nodes.value
     for i in range(len(radiance)):
+        if surface.kind == 0:
+            _even_light(steps, i, surface, sums, radiance[i])
+            continue
         count = write_nodes(surface, i, nodes)
         k, end = steps.begin[i], steps.end[i]
         x, y, z = 0.0, 0.0, 0.0
@@ -33,3 +36,20 @@ def cached_frame(steps: Steps, surface: Surface, sums: Float64, radiance: Float3
             y += b * node_f[node, 1]
             z += c * node_f[node, 2]
         radiance[i, 0], radiance[i, 1], radiance[i, 2] = x, y, z
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract"})
+def _even_light(steps: Steps, i: int, surface: Surface, sums: Float64, radiance: Float32) -> None:
+    """The same where reflectance is one value for all directions: each step is a drop from the last one."""
+    x, y, z, before = 0.0, 0.0, 0.0, 0.0
+    for k in range(steps.begin[i], steps.end[i]):
+        leaf, value = steps.start[k], steps.value[k]
+        drop = before - value
+        x += drop * sums[leaf, 0]
+        y += drop * sums[leaf, 1]
+        z += drop * sums[leaf, 2]
+        before = value
+    end = len(sums) - 1
+    radiance[0] = (x + before * sums[end, 0]) * surface.parameters[0]
+    radiance[1] = (y + before * sums[end, 1]) * surface.parameters[1]
+    radiance[2] = (z + before * sums[end, 2]) * surface.parameters[2]

@@ -13,7 +13,7 @@ from processing.products.arrays import Float32, Float64, Int32
 from processing.products.light_environment import Environment, cube_directions, cube_solid_angles
 
 _TABLE = 256  # cells along a cube's side: a third of a degree, a third of the spacing of 32 768 directions
-_FINE = 384  # parts along a cube's side that a coarse environment is split into: 27 for each leaf
+_FINE = 256  # parts along a cube's side that a coarse environment is split into: 12 for each leaf
 _ORTHONORMAL = 1e-6
 
 
@@ -43,10 +43,12 @@ class EnvironmentLight:
 
     def __init__(self, environment: Environment, sampled: SampleDirections) -> None:
         parts = max(-(-_FINE // environment.size), 1)
-        self._directions = cube_directions(environment.size, parts).reshape(-1, 3).astype(np.float32)
         solid = cube_solid_angles(environment.size * parts)[None, :, :, None]
         radiance = environment.radiance.repeat(parts, axis=1).repeat(parts, axis=2)
-        self._light = np.asarray((radiance * solid).reshape(-1, 3), np.float32)
+        light = np.asarray((radiance * solid).reshape(-1, 3), np.float32)
+        bright = light.any(axis=1)
+        self._light = light[bright]
+        self._directions = cube_directions(environment.size, parts).reshape(-1, 3)[bright].astype(np.float32)
         self._sampled = sampled
 
     def turned(self, frame_from_light: Float64) -> LeafLight:

@@ -40,3 +40,17 @@ def merged(heights, values, first, last, group, weight, found_height, found_valu
                     pointer[j] += 1
                     counter[j] = 0
     return nodes
+
+
+@numba.njit(nogil=True)
+def merged_light(heights, values, first, last, group, weight, sums):
+    """Light (3,) of one vertex: the merge, then the sum over its nodes; `sums` (leaves + 1, 4) before each leaf."""
+    found_height, found_value = np.empty(len(sums), np.uint8), np.empty(len(sums))
+    nodes = merged(heights, values, first, last, group, weight, found_height, found_value)
+    total, leaf = np.zeros(3), 0
+    for node in range(nodes):
+        after = leaf + (1 << found_height[node])
+        for channel in range(3):
+            total[channel] += found_value[node] * (sums[after, channel] - sums[leaf, channel])
+        leaf = after
+    return total

@@ -29,7 +29,7 @@ def test_all_light_arrives(sun, turn):
 
 def test_an_even_sky_lights_leaves_by_their_size():
     found = EnvironmentLight(Environment(np.ones((6, 4, 4, 3), np.float32)), SAMPLED).turned(TURN)
-    assert np.allclose(found.values, SAMPLED.solid_angle[:, None], rtol=0.05)  # 1700 parts fall on each leaf
+    assert np.allclose(found.values, SAMPLED.solid_angle[:, None], rtol=0.05)  # 770 parts fall on each leaf
 
 
 def test_a_sun_is_where_it_is_turned_to():

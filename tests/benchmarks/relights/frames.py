@@ -2,9 +2,9 @@
 
 `moving_fast_over_merge`: time of a frame in which all fields are read anew, over that of the merge (Steps 1 to 4) of
 the same cuts under the same light, by vertex; `fast_vs_merge_rmse`: how far the radiances differ, over their mean.
-`moving_fps`: a chair moves; white bodies, glossy ones in rows. `cached_fps`: eye, light and a reflectance change at once.
-`cached_over_moving`: time of the latter over the former. Times are the processor's, of all threads together, over the
-number of threads: other programs do not count. `two_thread_speedup` is by the clock, the best of pairs of frames.
+`moving_fps`: a chair moves; white bodies, glossy ones in rows. `cached_fps`: eye, light and a reflectance change at
+once. `cached_over_moving`: time of the latter over the former. Times are the processor's, of all threads together, over
+the number of threads: other programs do not count. `two_thread_speedup` is by the clock, the best frame of each.
 """
 
 import time

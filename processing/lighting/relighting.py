@@ -18,7 +18,7 @@ from processing.lighting.kept_steps import KeptSteps
 from processing.lighting.light import EnvironmentLight, LeafLight, checked_rotation
 from processing.lighting.moving_kernel import Steps, Surface, merged_steps, moving_frame
 from processing.lighting.rays import Bool
-from processing.lighting.surroundings import Neighbour, RelitBody, shadows
+from processing.lighting.surroundings import Neighbour, RelitBody, fields_of, shadows
 from processing.products.arrays import Float32, Float64
 from processing.products.light_environment import Environment
 from processing.threads import in_parts
@@ -191,10 +191,11 @@ class _LitBody:
         else:
             steps, casting = self.relit.steps(vertices), sorted(others)
         near = [self._neighbours[number] for number in casting]
+        fields = fields_of(near)
 
         def work(start: int, stop: int) -> None:
             part = vertices[start:stop]
-            around = shadows(near, [self._reached[number][part] for number in casting], self._points[part])
+            around = shadows(near, fields, [self._reached[number][part] for number in casting], self._points[part])
             found = np.empty((len(part), 3), np.float32)
             moving_frame(_part(steps, start, stop), around, self._surface(part, eye), light.sums, found)
             self.radiance[part] = found
@@ -216,12 +217,15 @@ class _LitBody:
     def _merge(self, kept: KeptSteps, vertices: Int64, casting: frozenset[int]) -> None:
         """Keep the product of a vertex's own cut and some bodies' fields where it is not kept."""
         missing = vertices[~kept.has(vertices)]
+        if not len(missing):
+            return
         numbers = sorted(casting)
         near = [self._neighbours[number] for number in numbers]
+        fields = fields_of(near)
 
         def work(start: int, stop: int) -> Steps:
             part = missing[start:stop]
-            around = shadows(near, [self._reached[number][part] for number in numbers], self._points[part])
+            around = shadows(near, fields, [self._reached[number][part] for number in numbers], self._points[part])
             return merged_steps(self.relit.steps(part), around, len(self._sampled.directions))
 
         kept.add(missing, in_parts(work, len(missing), _PART))

@@ -19,6 +19,8 @@ from processing.products.arrays import Float32, Float64
 
 Int64 = NDArray[np.int64]
 
+Fields = tuple[list[Int64], list[NDArray[np.uint16]], list[NDArray[np.uint16]]]
+
 _SAME = 1e-9
 _NO_LEAVES = np.zeros(0, np.uint16)
 _NO_POINTS = np.zeros(1, np.int64)
@@ -81,8 +83,9 @@ def _reaches(points: Float64, normals: Float64, centre: Float64, radius: float, 
         found[i] = above > -radius and x * x + y * y + z * z < farthest * farthest
 
 
-def shadows(neighbours: list[Neighbour], reached: list[Bool], points: Float64) -> Shadows:
-    """Sample points of the neighbours that reach vertices at `points` (n, 3), each by its own mask (n,)."""
+def shadows(neighbours: list[Neighbour], fields: Fields, reached: list[Bool], points: Float64) -> Shadows:
+    """Sample points of the neighbours that reach vertices at `points` (n, 3), each by its own mask (n,); `fields` are
+    those of the neighbours."""
     count = max(len(neighbours), 1)
     number = np.full((len(points), count, 8), -1, np.int32)
     weight = np.zeros((len(points), count, 8), np.float32)
@@ -91,7 +94,7 @@ def shadows(neighbours: list[Neighbour], reached: list[Bool], points: Float64) -
             local = (points[mask] - neighbour.shift) @ neighbour.turn
             found, share = neighbour.field.cells(local)
             number[mask, k], weight[mask, k] = found, exact_weights(share)
-    return Shadows(number, weight, *_lists(neighbours))
+    return Shadows(number, weight, *fields)
 
 
 def exact_weights(weights: Float32) -> Float32:
@@ -102,8 +105,8 @@ def exact_weights(weights: Float32) -> Float32:
     return np.asarray(found / np.float32(WEIGHT_STEPS), np.float32)
 
 
-def _lists(neighbours: list[Neighbour]) -> tuple[list[Int64], list[NDArray[np.uint16]], list[NDArray[np.uint16]]]:
-    """The fields as lists that compiled code reads; one that is empty where there is none."""
+def fields_of(neighbours: list[Neighbour]) -> Fields:
+    """The fields as lists that compiled code reads, slow to make; with one that is empty where there is none."""
     firsts, toggles, leaves = List(), List(), List()
     for neighbour in neighbours:
         firsts.append(neighbour.field.first)

@@ -102,8 +102,8 @@ def errors(found: Float64, truth: Float64) -> dict[str, float]:
 
 
 def run(*, quick: bool) -> Result:
-    """Of 600 of 27 000 vertices, or of 60 of 2000."""
-    room = _Room(QUICK if quick else FULL, 60 if quick else 600, SEED)
+    """Of 600 of 27 000 vertices, or of 150 of 2000."""
+    room = _Room(QUICK if quick else FULL, 150 if quick else 600, SEED)
     indoors, rows = windows(), []
     truths = {glossy: room.truth(indoors, glossy=glossy) for glossy in (False, True)}
     figures, by_resolution = {}, []

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing import geometry
-from processing.environment.brackets import Bracket, merge_brackets
+from processing.environment.brackets import Bracket, halved_mask, merge_brackets
 from processing.environment.capture import CapturedEnvironment, CaptureOptions, environment_of
 from processing.environment.equirectangular import read_environment, write_panorama
+from processing.environment.image_circle import equidistant, find_circle
 from processing.environment.reflections import mask_of_rectangles
 from processing.environment.registration import HALF_TURN
 from processing.errors import ImageError
@@ -24,6 +25,7 @@ from service.files import check_folder, filled, replaced
 
 FOUND, PICTURE = "found.png", "environment.png"
 Rectangle = tuple[int, int, int, int]  # left, top, width, height
+_FINER = 4.0  # a photograph with more pixels to a texel, along a side, is averaged first
 _STRONG, _NARROW = 1e3, 0.1  # times the mean, and the share of the light in one texel, that are told as a doubt
 
 
@@ -62,9 +64,9 @@ def make_environment(
         if imported is None:
             front, back = brackets_of(sources)
             yield f"front: {_names(front)}; back: {_names(back)}"
-            captured = _photographed(front, back, options, part)
+            captured, coarser = _photographed(front, back, options, part)
             environment = captured.environment
-            yield from _about_photographs(captured)
+            yield from _about_photographs(captured, coarser)
         else:
             environment, repaired = read_environment(
                 imported, options.size, azimuth_rad=float(np.radians(options.azimuth_deg))
@@ -80,15 +82,21 @@ def make_environment(
     yield f"{out}: cubemap of 6 faces of {options.size} pixels; `rig preview MATERIAL --environment {out}` lights by it"
 
 
-def _photographed(front: Bracket, back: Bracket, options: PlaceOptions, out: Path) -> CapturedEnvironment:
+def _photographed(front: Bracket, back: Bracket, options: PlaceOptions, out: Path) -> tuple[CapturedEnvironment, int]:
+    """What was found, and how many pixels of a photograph, along a side, went into one of its own."""
     turn = _turn(options.turn) if options.turn else None
     hidden_px = [_rectangle(text) for text in options.hide]
     photographs = merge_brackets(front, back)
     height, width = photographs[0].luminance.shape
+    mask, coarser = _mask(options.mask, hidden_px, (height, width)), 1
+    focal_px = equidistant(find_circle(photographs[0].luminance), float(np.radians(options.field_deg))).matrix[0, 0]
+    while focal_px / (2 * coarser) * 2 / options.size > _FINER:
+        photographs = photographs[0].halved(), photographs[1].halved()
+        mask, coarser = None if mask is None else halved_mask(mask), 2 * coarser
     capture = CaptureOptions(
         field_rad=float(np.radians(options.field_deg)),
         size=options.size,
-        mask=_mask(options.mask, hidden_px, (height, width)),
+        mask=mask,
         detect=options.detect,
         front_from_back=turn,
         world_from_front=_ahead(options.azimuth_deg),
@@ -96,7 +104,7 @@ def _photographed(front: Bracket, back: Bracket, options: PlaceOptions, out: Pat
     names = tuple(path.name for bracket in (front, back) for path in bracket.files)
     captured = environment_of(photographs, capture, names)
     save_found(out / FOUND, photographs, captured)
-    return captured
+    return captured, coarser
 
 
 def _mask(path: Path | None, hidden_px: list[Rectangle], shape: tuple[int, int]) -> NDArray[np.bool_] | None:
@@ -140,10 +148,10 @@ def _names(bracket: Bracket) -> str:
     return f"{bracket.files[0].name} ... {bracket.files[-1].name} ({len(bracket.files)})"
 
 
-def _about_photographs(captured: CapturedEnvironment) -> Iterator[str]:
+def _about_photographs(captured: CapturedEnvironment, coarser: int) -> Iterator[str]:
     circle, found = captured.circles[0], captured.registration
-    column, row = circle.centre_px
-    yield f"image circle of {circle.radius_px:.1f} px radius around {column:.1f}, {row:.1f}"
+    column, row = coarser * (circle.centre_px + 0.5) - 0.5
+    yield f"image circle of {coarser * circle.radius_px:.1f} px radius around {column:.1f}, {row:.1f}"
     yield f"{captured.reflections.count} reflections of the frame found, {_hidden(captured):.2%} of the circle hidden"
     off = np.degrees(np.arccos(np.clip((np.trace(found.front_from_back @ HALF_TURN.T) - 1) / 2, -1, 1)))
     if np.isfinite(found.sigma_rad) and found.overlap > 0:

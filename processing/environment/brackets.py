@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,26 @@ class ProbePhotograph:
     def luminance(self) -> Float32:
         """Mean of the channels (h, w)."""
         return np.asarray(self.picture.mean(axis=-1), np.float32)
+
+    def halved(self) -> "ProbePhotograph":
+        """Half as many rows and columns, means of what is known; clipped where any of four pixels is."""
+        blocks = _blocks(self.picture)
+        known = np.isfinite(blocks)
+        count = known.sum(axis=(1, 3))
+        sums = np.where(known, blocks, 0.0).sum(axis=(1, 3))
+        mean = np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0)
+        return replace(self, picture=np.asarray(mean, np.float32), clipped=halved_mask(self.clipped))
+
+
+def halved_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """A mask (h, w) at half as many rows and columns: set where any of four pixels is."""
+    return np.asarray(_blocks(mask).any(axis=(1, 3)), np.bool_)
+
+
+def _blocks(picture: NDArray[Any]) -> NDArray[Any]:
+    """Squares of four pixels (h // 2, 2, w // 2, 2, ...); an odd last row or column is left out."""
+    height, width = (side // 2 for side in picture.shape[:2])
+    return picture[: 2 * height, : 2 * width].reshape(height, 2, width, 2, *picture.shape[2:])
 
 
 def merge_brackets(front: Bracket, back: Bracket) -> tuple[ProbePhotograph, ProbePhotograph]:

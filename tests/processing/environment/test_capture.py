@@ -214,3 +214,16 @@ def test_a_field_that_no_lens_has_is_refused(captured):
     for field_rad in (0.0, np.nan, 7.0):
         with pytest.raises(ImageError, match="field of view"):
             equidistant(captured.circles[0], field_rad)
+
+
+def test_a_halved_photograph_has_the_means_of_what_is_known():
+    picture = np.arange(5 * 6 * 3, dtype=np.float32).reshape(5, 6, 3)
+    picture[0, 0], picture[:2, 2:4] = np.nan, np.nan
+    clipped = np.zeros((5, 6), np.bool_)
+    clipped[3, 5] = clipped[4, 0] = True
+    half = ProbePhotograph(picture, clipped, True, None).halved()
+    assert half.picture.shape == (2, 3, 3)
+    np.testing.assert_allclose(half.picture[0, 0], picture[[0, 1, 1], [1, 0, 1]].mean(axis=0))
+    assert np.isnan(half.picture[0, 1]).all()
+    np.testing.assert_allclose(half.picture[1, 2], picture[2:4, 4:].mean(axis=(0, 1)))
+    assert np.argwhere(half.clipped).tolist() == [[1, 2]]

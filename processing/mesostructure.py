@@ -9,6 +9,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.linalg import cg
 
 from processing.errors import ImageError
+from processing.highlights import whitened
 from processing.products import DirectionMesh, Mdf, Mesostructure, Provenance
 from processing.products.arrays import Float64
 from processing.svd import BtfRows, factor_btf
@@ -25,7 +26,8 @@ _VIEWS_SHARE = 10.0
 class Joined:
     """The material, which share of its depths no laser reached: these are guesses, and what its eigenmaps leave.
 
-    `error` is the root of their squared error over the BTF's sum of squares, with the light's cosine, before rounding.
+    `error` is the root of their squared error over the BTF's sum of squares, with the light's cosine and glints as
+    white, before rounding.
     """
 
     mesostructure: Mesostructure
@@ -36,7 +38,8 @@ class Joined:
 def mesostructure_from(btf: BtfRows, mdf: Mdf, provenance: Provenance | None = None) -> Joined:
     """Depths of the BTF's views from an MDF of the same square, whose texels lie on the plane of the BTF's.
 
-    The BTF becomes twelve grey eigenmaps in bytes, fewer where its views do not offer as many. A depth is D times its
+    The BTF, its glints no brighter than white, becomes twelve grey eigenmaps in bytes, fewer where its views do not
+    offer as many. A depth is D times its
     ray's cosine, in sides of the square, over one scale for a byte; what was measured above the reference plane lies
     on it. Holes become the smooth surface over texels and views that ends at what was measured.
     Raises ImageError where the texels differ, nothing was measured, or a view of the BTF is none of the MDF.
@@ -51,7 +54,7 @@ def mesostructure_from(btf: BtfRows, mdf: Mdf, provenance: Provenance | None = N
     step = float(whole.max()) / 255 or 1.0
     codes = np.rint(whole / step).astype(np.uint8)
     terms = min(_TERMS, btf.shape[1] * btf.shape[4])
-    factors = factor_btf(btf, terms, "grey")
+    factors = factor_btf(whitened(btf), terms, "grey")
     coded = factors.btf.coded(np.uint8)
     made = Mesostructure(coded, codes, step, views, mdf.plane_m / mdf.side_m, provenance or Provenance())
     return Joined(made, float(holes.mean()), factors.relative_rmse(terms))

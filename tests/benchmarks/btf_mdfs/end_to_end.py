@@ -13,8 +13,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from processing.products import Mesostructure, StoredBtf
-from processing.svd import Colour, factor_btf
+from processing.products import Mesostructure
+from processing.svd import Colour
 from render.materials import Material
 from render.picture import Picture
 from render.preview import Preview
@@ -80,7 +80,7 @@ def plans(*, quick: bool) -> dict[str, Plan]:
 
 
 def captured(folder: Path, planned: dict[str, Plan]) -> Mesostructure:
-    """The material of sessions that are captured and processed in the folder, of the benchmarks' terms in bytes."""
+    """The material of sessions that are captured and processed in the folder."""
     with Simulation(folder / "simulation", seed=SEED) as simulation:
         config = load_config(simulation.rig_toml)
         for kind, plan in planned.items():
@@ -89,9 +89,7 @@ def captured(folder: Path, planned: dict[str, Plan]) -> Mesostructure:
         with Session.open(folder / kind) as session:
             process(session, [] if kind == "calibrate" else [folder / "calibrate"], Silent())
     list(join_sessions(folder / "btf", folder / "mdf", folder / SAMPLE))
-    with Session.open(folder / "btf") as session:
-        factored = factor_btf(StoredBtf.open(session.products / "btf"), *_TERMS).btf
-    return replace(Mesostructure.load(folder / SAMPLE), btf=factored.coded(np.uint8))
+    return Mesostructure.load(folder / SAMPLE)
 
 
 def compared(measured: Mesostructure, tiles: tuple[int, int], *, quick: bool) -> list[dict[str, object]]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from processing.highlights import whitened
 from processing.products import Btf, DirectionMesh, Mesostructure
 from processing.svd import Colour, factor_btf
 from simulators.far_field import btf_below, one_period
@@ -34,6 +35,7 @@ def mesostructure(
 
     Lights (n, 3) and views (m, 3) are unit vectors at most 80 deg from the normal. Depths are true to half a step of
     their 8-bit code. Texels lie on the plane that was found for the sample's BTF (`PLANES_M`), on other seeds.
+    Glints are no brighter than white, as in joined products.
     """
     return _mesostructure((sample, seed, texels, rays), (_hashable(lights), _hashable(views)), rank, colour)
 
@@ -53,7 +55,7 @@ def _mesostructure(
     codes = np.rint(np.nan_to_num(deep, nan=step * _CODES) / step).astype(np.uint8)
     plane = PLANES_M[sample] / one_period(sample, seed, (lit.light_directions, lit.view_directions))[1]
     mesh = DirectionMesh.from_directions(lit.view_directions)
-    return Mesostructure(factor_btf(lit, rank, colour).btf, codes, step, mesh, plane)
+    return Mesostructure(factor_btf(whitened(lit), rank, colour).btf, codes, step, mesh, plane)
 
 
 @lru_cache(maxsize=2)

@@ -152,7 +152,8 @@ def _about_photographs(captured: CapturedEnvironment, coarser: int) -> Iterator[
     circle, found = captured.circles[0], captured.registration
     column, row = coarser * (circle.centre_px + 0.5) - 0.5
     yield f"image circle of {coarser * circle.radius_px:.1f} px radius around {column:.1f}, {row:.1f}"
-    yield f"{captured.reflections.count} reflections of the frame found, {_hidden(captured):.2%} of the circle hidden"
+    count = captured.reflections.count
+    yield f"reflections of the frame: {count} found; {_hidden(captured):.2%} of the circle is filled anew"
     off = np.degrees(np.arccos(np.clip((np.trace(found.front_from_back @ HALF_TURN.T) - 1) / 2, -1, 1)))
     if np.isfinite(found.sigma_rad) and found.overlap > 0:
         yield (

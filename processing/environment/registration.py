@@ -62,8 +62,9 @@ class Registration:
         """Raises ImageError that says why, where they were not brought together."""
         if self.status is RegistrationStatus.NO_OVERLAP:
             raise ImageError(
-                f"front and back share {self.overlap:.0%} of the seam, too little to compare: give the turn between "
-                "them, or use a lens of more than 180 deg."
+                f"front and back share {self.overlap:.0%} of the seam, too little to compare: a wrong field of view, "
+                "photographs of different places, or a lens of under 180 deg. Give the turn between them to join them "
+                "all the same."
             )
         if self.status is RegistrationStatus.DISAGREE:
             raise ImageError(

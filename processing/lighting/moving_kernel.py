@@ -26,6 +26,7 @@ Int64 = NDArray[np.int64]
 
 _first_bit: Any = trailing_zeros  # an intrinsic of numba's, which only compiled code calls
 
+_TOLERANCE = 0.004  # of the clustering of products that are kept: half of that of the cuts themselves
 WEIGHT_STEPS = 65536  # weights are multiples of 2^-16, so that sums of eight of them are exact in float32
 _LOWEST = 1e-3  # cosine to the horizon of an eye or a node's middle that lies under it
 
@@ -103,7 +104,7 @@ def moving_frame(steps: Steps, shadows: Shadows, surface: Surface, sums: Float64
 
 @numba.njit(nogil=True, cache=True)
 def merged_steps(steps: Steps, shadows: Shadows, leaves: int) -> Steps:
-    """The whole product as steps; neighbours of one value are one."""
+    """The whole product as steps; neighbours of nearly one value are one."""
     scratch = _scratch(shadows, leaves)
     count = len(steps.begin)
     first = np.zeros(count + 1, np.int64)
@@ -279,24 +280,42 @@ def _product(own: np.float32, change: Float32, now: Float32, leaf: np.int64) -> 
 
 @numba.njit(nogil=True, cache=True)
 def _keep(steps: Steps, i: int, scratch: Scratch, active: int, start: UInt16, value: Float32) -> int:
-    """Write the steps of the product, clear what was marked, and return how many they are."""
-    marks, now, at = scratch.marks, scratch.now[:active], 0
-    own, before = np.float32(0), np.float32(-1)
+    """Write the steps of the product, clear what was marked, and return how many they are.
+
+    Neighbours become one, their mean, as long as their clustering error is within the tolerance (see `cuts.add_cut`).
+    """
+    marks, now, at = scratch.marks, scratch.now[:active], -1
+    leaves = 64 * len(marks)
+    limit = _TOLERANCE * _TOLERANCE * leaves / (4 * np.pi)
+    own, found, last = np.float32(0), np.float32(0), np.int64(0)
+    weight, mean, squares = 0.0, 0.0, 0.0
     k, end = steps.begin[i], steps.end[i]
-    for word in range(len(marks)):
-        bits = marks[word]
+    for word in range(len(marks) + 1):
+        bits = marks[word] if word < len(marks) else np.uint64(1)  # the end closes the last run
         if bits == 0:
             continue
-        marks[word] = 0
+        if word < len(marks):
+            marks[word] = 0
         while bits != 0:
             leaf = np.int64((word << 6) + np.int64(_first_bit(bits)))
             bits &= bits - np.uint64(1)
+            if leaf > last:
+                width, apart = np.float64(leaf - last), found - mean
+                more = apart * apart * weight * width / (weight + width)
+                if at < 0 or squares + more > limit:
+                    at += 1
+                    start[at] = last
+                    weight, mean, squares = width, np.float64(found), 0.0
+                else:
+                    weight += width
+                    mean += apart * width / weight
+                    squares += more
+                value[at] = mean
+            if word == len(marks):
+                break
+            last = leaf
             if k < end and steps.start[k] == leaf:
                 own = steps.value[k]
                 k += 1
             found = _product(own, scratch.change, now, leaf)
-            if found != before:
-                start[at], value[at] = leaf, found
-                at += 1
-                before = found
-    return at
+    return at + 1

@@ -118,7 +118,10 @@ def test_what_stays_is_not_found_again(bodies):
 
 
 def test_frames_after_changes_are_frames_from_scratch(bodies):
-    """In any order of moving, turning, painting and looking; the rest that stands still is merged on the way."""
+    """In any order of moving, turning, painting and looking; the rest that stands still is merged on the way.
+
+    What is merged is clustered, within half of what the vertices' own cuts are: a hundredth of what a body shows.
+    """
     made, poses, brdfs = scene(bodies), list(POSES), list(WHITE)
     for step in range(8):
         if step < 5:
@@ -135,7 +138,7 @@ def test_frames_after_changes_are_frames_from_scratch(bodies):
         fresh = scene(bodies, poses)
         fresh.turn_light(TURN if step >= 5 else np.eye(3))
         fresh.paint(0, brdfs[0])
-        assert np.allclose(made.frame().radiance, fresh.frame().radiance, rtol=1e-4, atol=1e-5), step
+        assert np.allclose(made.frame().radiance, fresh.frame().radiance, rtol=0.01, atol=1e-3), step
 
 
 def test_vertices_that_are_asked_for_are_those_of_all(bodies):
@@ -143,7 +146,7 @@ def test_vertices_that_are_asked_for_are_those_of_all(bodies):
     some = np.array([0, 3, 5, 12, 20])
     made = scene(bodies)
     assert np.array_equal(made.frame(some).radiance, every[some])
-    assert np.allclose(made.frame().radiance, every, rtol=1e-5, atol=1e-6)
+    assert np.allclose(made.frame().radiance, every, rtol=0.01, atol=1e-3)  # the others are of clustered products
 
 
 def test_poses_that_are_not_rigid_are_refused(bodies):

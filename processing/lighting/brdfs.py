@@ -111,7 +111,7 @@ def ggx(diffuse: Float64, normal_reflectance: Float64, alpha: float) -> Brdf:
 
 
 def tabulated(table: Float64) -> Brdf:
-    """Isotropic values (half angles, difference angles, 3), linear between; see `brdf_tables` for where they lie."""
+    """Isotropic values (half angles, difference angles, 3), linear between."""
     values = np.asarray(table, np.float64)
     if values.ndim != 3 or values.shape[2] != 3 or min(values.shape[:2]) < 2:
         raise ImageError(f"a table of reflectance is (half angles, difference angles, 3), not {values.shape}")

@@ -23,10 +23,10 @@ from processing.materials.skin import Skin, SkinOptions, drape
 from processing.products import Srf
 from render.mesh import Mesh, perpendicular
 from render.mesh_file import load_mesh
-from render.rasteriser import rasterise
-from render.reference import shade, surface
+from render.reference import shade
 from render.scene import Scene, framed, light
 from render.shapes import statue
+from render.sights import plain_sight
 from service.bench import Result
 from tests.benchmarks.yardsticks.skin_samples import skin_sample
 
@@ -107,7 +107,8 @@ def _drawn(mesh: Mesh, material: Srf, size: int) -> _Picture:
     """The body from before, under a light beside the camera."""
     camera = framed(mesh, (size, size), azimuth_rad=np.radians(-35.0), elevation_rad=np.radians(15.0))
     scene = Scene.of(mesh, material, camera, (light(np.radians(-15.0), np.radians(40.0)),))
-    fragments = rasterise(mesh, camera)
+    sight, fragments = plain_sight(mesh, camera)
+    radiance = shade(scene, scene.bodies[0], sight, None, [np.ones(len(sight.pixel))])
     corners = mesh.triangles
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
     joined = sparse.coo_matrix((np.ones(len(edges)), edges.T), shape=(len(mesh.positions),) * 2)
@@ -119,9 +120,9 @@ def _drawn(mesh: Mesh, material: Srf, size: int) -> _Picture:
         return flat.reshape(size, size, *values.shape[1:])
 
     return _Picture(
-        image(shade(scene, fragments).mean(axis=1), 0.0),
-        image(fragments.interpolate(mesh, mesh.positions), 0.0),
-        image(surface(mesh, camera, fragments)[0], 0.0),
+        image(radiance.mean(axis=1), 0.0),
+        image(sight.point, 0.0),
+        image(sight.uv, 0.0),
         image(chart.astype(np.float64), -1.0).astype(np.int64),
     )
 

@@ -74,7 +74,7 @@ def run(*, quick: bool) -> Result:
 
 def plans(*, quick: bool) -> dict[str, Plan]:
     """Board, BTF and MDF, in the order in which they are taken."""
-    files = {"calibrate": "calibrate", "btf": f"{SAMPLE}-btf", "mdf": f"{SAMPLE}-mdf"}
+    files = {"calibrate": "calibrate", "btf": f"btf-{SAMPLE}", "mdf": f"mdf-{SAMPLE}"}
     found = {kind: load_plan(PLANS / f"{name}.toml") for kind, name in files.items()}
     return {kind: parse_plan(plan_data(plan) | _QUICK[kind]) for kind, plan in found.items()} if quick else found
 

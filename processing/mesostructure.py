@@ -9,7 +9,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.linalg import cg
 
 from processing.errors import ImageError
-from processing.highlights import whitened
+from processing.highlights import white_of
 from processing.products import DirectionMesh, Mdf, Mesostructure, Provenance
 from processing.products.arrays import Float64
 from processing.svd import BtfRows, factor_btf
@@ -54,7 +54,7 @@ def mesostructure_from(btf: BtfRows, mdf: Mdf, provenance: Provenance | None = N
     step = float(whole.max()) / 255 or 1.0
     codes = np.rint(whole / step).astype(np.uint8)
     terms = min(_TERMS, btf.shape[1] * btf.shape[4])
-    factors = factor_btf(whitened(btf), terms, "grey")
+    factors = factor_btf(btf, terms, "grey", white_of(btf))
     coded = factors.btf.coded(np.uint8)
     made = Mesostructure(coded, codes, step, views, mdf.plane_m / mdf.side_m, provenance or Provenance())
     return Joined(made, float(holes.mean()), factors.relative_rmse(terms))

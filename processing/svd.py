@@ -104,25 +104,26 @@ class TexelFactors:
         return float(np.sqrt(max(left, 0.0) / self.total)) if self.total > 0 else 0.0
 
 
-def factor_btf(btf: BtfRows, rank: int, colour: Colour = "colour") -> Factorisation:
+def factor_btf(btf: BtfRows, rank: int, colour: Colour = "colour", white: float = math.inf) -> Factorisation:
     """Keep the `rank` strongest terms of the BTF times the light's cosine, which the product's maps are without.
 
     Each weight vector has length 1. A light under the horizon has no say in which terms these are.
     Grey maps serve all channels, whose weights differ: a third of the bytes and of the look-ups for as many terms. The
     sign of a term is that which makes its weights sum to 0 or more. Source: Eckart and Young 1936.
+    Reflectance that is brighter than `white` with the light's cosine, 1/sr, counts as that.
     Raises ImageError for a rank that the views do not offer.
     """
     lights, views, height, width, channels = btf.shape
     shared = channels if colour == "grey" else 1
     if not 1 <= rank <= views * shared:
         raise ImageError(f"rank {rank} of a BTF with {views} views: choose 1 to {views * shared} for {colour} maps")
-    gram, missing = _gram(btf, shared)
+    gram, missing = _gram(btf, shared, white)
     values, vectors = np.linalg.eigh(gram)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1][:, :rank]
     vectors = vectors * np.where(vectors.sum(axis=0) < 0, -1.0, 1.0)
     weights = np.ascontiguousarray(vectors.T, np.float32)
     eigenmaps = np.empty((rank, lights, height, width, channels // shared), np.float32)
-    for light, rows, matrix in _matrices(btf, shared):
+    for light, rows, matrix in _matrices(btf, shared, white):
         whole = _filled(matrix)[0] if missing else matrix
         eigenmaps[:, light, rows] = (weights @ whole).reshape(rank, -1, width, channels // shared)
     factored = FactoredBtf(
@@ -171,10 +172,11 @@ def _texel_blocks(btf: BtfRows) -> Iterator[Float32]:
         yield np.moveaxis(texels, 2, 3).reshape(-1, lights * views * channels)
 
 
-def _matrices(btf: BtfRows, shared: int) -> Iterator[tuple[int, slice, Float32]]:
+def _matrices(btf: BtfRows, shared: int, white: float) -> Iterator[tuple[int, slice, Float32]]:
     """Light, rows, and the transposed matrix's part (view * shared, sample); parts stay in the processor's cache."""
     views = btf.shape[1]
     height = max(_PART // math.prod(btf.shape[i] for i in (1, 3, 4)), 1)
+    brightest = (white / np.maximum(btf.light_directions[:, 2], 1e-6)).astype(np.float32)
     for lights, rows, block in btf.blocks():
         for light, seen in enumerate(block, start=lights.start):
             for start in range(0, rows.stop - rows.start, height):
@@ -182,14 +184,15 @@ def _matrices(btf: BtfRows, shared: int) -> Iterator[tuple[int, slice, Float32]]
                 span = slice(rows.start + start, rows.start + start + part.shape[1])
                 if shared > 1:
                     part = np.moveaxis(part, 3, 1)
-                yield light, span, part.reshape(views * shared, -1)
+                matrix = part.reshape(views * shared, -1)
+                yield light, span, matrix if math.isinf(white) else np.minimum(matrix, brightest[light])
 
 
-def _gram(btf: BtfRows, shared: int) -> tuple[Float64, int]:
+def _gram(btf: BtfRows, shared: int, white: float) -> tuple[Float64, int]:
     columns = btf.shape[1] * shared
     gram, missing = np.zeros((columns, columns)), 0
     cosines = np.maximum(btf.light_directions[:, 2], 0.0)
-    for light, _, matrix in _matrices(btf, shared):
+    for light, _, matrix in _matrices(btf, shared, white):
         exact = matrix.astype(np.float64)
         products = exact @ exact.T
         if not np.isfinite(products.trace()):

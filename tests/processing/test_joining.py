@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from processing.errors import ImageError
 from processing.geometry import texel_grid
-from processing.highlights import whitened
+from processing.highlights import white_of
 from processing.mesostructure import filled, mesostructure_from
 from processing.products import Btf, DirectionMesh, Mdf
 from processing.svd import factor_btf
@@ -123,7 +123,7 @@ def test_the_eigenmaps_are_twelve_grey_ones_in_bytes_or_as_many_as_the_views_off
     """They err as the terms that were not kept, and half a step of a byte's code."""
     values = np.random.default_rng(5).uniform(0, 1, (4, views, TEXELS, TEXELS, 3)).astype(np.float32)
     btf, mdf = Btf(values, DIRECTIONS[[0, 1, 3, 5]], DIRECTIONS[:views]), measured(some_depths(5))
-    joined, exact = mesostructure_from(btf, mdf), factor_btf(whitened(btf), terms, "grey")
+    joined, exact = mesostructure_from(btf, mdf), factor_btf(btf, terms, "grey", white_of(btf))
     made = joined.mesostructure.btf
     assert (made.eigenmaps.dtype, made.eigenmaps.shape) == (np.uint8, (terms, 4, TEXELS, TEXELS, 1))
     assert joined.error == exact.relative_rmse(terms)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.highlights import whitened
+from processing.highlights import white_of
 from processing.products import Btf, DirectionMesh, Mesostructure
 from processing.svd import Colour, factor_btf
 from simulators.far_field import btf_below, one_period
@@ -55,7 +55,7 @@ def _mesostructure(
     codes = np.rint(np.nan_to_num(deep, nan=step * _CODES) / step).astype(np.uint8)
     plane = PLANES_M[sample] / one_period(sample, seed, (lit.light_directions, lit.view_directions))[1]
     mesh = DirectionMesh.from_directions(lit.view_directions)
-    return Mesostructure(factor_btf(whitened(lit), rank, colour).btf, codes, step, mesh, plane)
+    return Mesostructure(factor_btf(lit, rank, colour, white_of(lit)).btf, codes, step, mesh, plane)
 
 
 @lru_cache(maxsize=2)

@@ -68,6 +68,13 @@ def mesh_from_uv(positions: Rows, normals: Rows, uv: Rows, triangles: Int32) -> 
     return Mesh(positions, normals, np.column_stack([tangent, sign]), uv, triangles)
 
 
+def plain_mesh(positions: Rows, normals: Rows, triangles: Int32) -> Mesh:
+    """A mesh that no texture is drawn on: any tangents, texture coordinates of zero."""
+    tangents = perpendicular(np.zeros_like(positions), normals)
+    w = np.ones((len(positions), 1))
+    return Mesh(positions, normals, np.hstack([tangents, w]), np.zeros((len(positions), 2)), triangles)
+
+
 def perpendicular(tangent: Rows, normal: Rows) -> Float64:
     """Unit tangents (n, 3) made perpendicular to unit normals; where nothing is left, any perpendicular direction."""
     flat = tangent - dot(tangent, normal) * normal

@@ -138,11 +138,14 @@ class Card:
         vertex_array.render(moderngl.TRIANGLES, vertices=3)
         vertex_array.release()
 
-    def target(self, name: str, size: tuple[int, int], components: tuple[int, ...]) -> Target:
-        """Images of so many components each, under a name that tells them from others of their kind."""
+    def target(
+        self, name: str, size: tuple[int, int], components: tuple[int, ...], *, whole_numbers: bool = False
+    ) -> Target:
+        """Images of so many components each, float32 or uint32, under a name that tells them from others."""
 
         def made() -> Target:
-            images = tuple(self.context.texture(size, count, dtype="f4") for count in components)
+            kind = "u4" if whole_numbers else "f4"
+            images = tuple(self.context.texture(size, count, dtype=kind) for count in components)
             for image in images:
                 image.filter = (moderngl.NEAREST, moderngl.NEAREST)
                 image.repeat_x = image.repeat_y = False

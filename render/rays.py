@@ -24,12 +24,16 @@ class Rays:
 
 def camera_rays(camera: Camera, positions: Rows) -> Rays:
     """From the eye; positions (n, 3) are what is to be seen. Raises SceneError where all of it lies behind the eye."""
-    image = image_from_window(camera.size[1])
-    turn = camera.camera_from_world[:3, :3].T
     start = np.zeros((3, 3))
     start[:, 2] = camera.eye
     clip = clip_from_world(camera, *depth_range(camera, positions))
-    return Rays(camera.size, clip, start, -turn @ np.linalg.inv(camera.matrix) @ image)
+    return Rays(camera.size, clip, start, toward_eye(camera))
+
+
+def toward_eye(camera: Camera) -> Float64:
+    """Vectors toward the eye, not of unit length, of window points (x, y, 1) as a matrix (3, 3)."""
+    turn = camera.camera_from_world[:3, :3].T
+    return np.asarray(-turn @ np.linalg.inv(camera.matrix) @ image_from_window(camera.size[1]))
 
 
 def light_rays(view: LightView, positions: Rows) -> Rays:

@@ -83,11 +83,10 @@ class RelitView:
     def release(self) -> None:
         """Give everything on the card back, the context last."""
         with self.context:
-            held = [self._positions, self._radiance, self._triangles]
+            for buffer in (self._positions, self._radiance, self._triangles):
+                buffer.release()
             if self._panorama is not None:
-                held.append(self._panorama[1])
-            for each in held:
-                each.release()
+                self._panorama[1].release()
             self._card.release()
         self.context.release()
 

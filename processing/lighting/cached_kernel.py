@@ -1,9 +1,38 @@
 """Light past bodies that stand still: each vertex's visibility is one known step function (see `moving_kernel`)."""
 
-import numba
+from typing import Protocol
 
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from processing.lighting.kept_steps import KeptSteps
 from processing.lighting.moving_kernel import Steps, Surface, room_for_nodes, write_nodes
 from processing.products.arrays import Float32, Float64
+from processing.threads import in_parts
+
+_PART = 256  # vertices that a thread takes at a time
+
+
+class CachedFrame(Protocol):
+    """What finds light past bodies that stand still: threads of the processor, or a graphics card."""
+
+    def __call__(self, kept: KeptSteps, vertices: NDArray[np.int64], surface: Surface, sums: Float64) -> Float32:
+        """Radiance (n, 3) of vertices (n,) that are all kept; `surface` is theirs, `sums` as in `cached_frame`."""
+        ...
+
+
+def frame_in_threads(kept: KeptSteps, vertices: NDArray[np.int64], surface: Surface, sums: Float64) -> Float32:
+    """A `CachedFrame` of the processor."""
+    steps, found = kept.steps(vertices), np.empty((len(vertices), 3), np.float32)
+
+    def work(start: int, stop: int) -> None:
+        part = slice(start, stop)
+        there = surface._replace(lit=surface.lit[part], seen=surface.seen[part])
+        cached_frame(Steps(steps.begin[part], steps.end[part], steps.start, steps.value), there, sums, found[part])
+
+    in_parts(work, len(vertices), _PART)
+    return found
 
 
 @numba.njit(nogil=True, cache=True)

@@ -15,7 +15,12 @@ class KeptSteps:
     def __init__(self, count: int) -> None:
         self._begin, self._end = np.zeros(count, np.int64), np.full(count, -1, np.int64)
         self._start, self._value = np.zeros(0, np.uint16), np.zeros(0, np.float32)
-        self._used = 0
+        self._used, self._turn = 0, 0
+
+    @property
+    def filled(self) -> tuple[int, int]:
+        """A number of a turn, and how much of what `steps` holds is filled: within a turn it is only added to."""
+        return self._turn, self._used
 
     def has(self, vertices: Int64) -> Bool:
         """Which of the vertices (n,) are kept."""
@@ -25,7 +30,7 @@ class KeptSteps:
         """Drop the vertices of a mask (count,)."""
         self._end[mask] = -1
         if not (self._end >= 0).any():
-            self._used = 0
+            self._used, self._turn = 0, self._turn + 1
 
     def add(self, vertices: Int64, parts: list[Steps]) -> None:
         """Keep the steps of vertices, part after part in their order."""
@@ -54,4 +59,4 @@ class KeptSteps:
         start, value = np.empty(room, np.uint16), np.empty(room, np.float32)
         start[:used], value[:used] = self._start[where], self._value[where]
         self._begin[alive], self._end[alive] = ends - sizes, ends
-        self._start, self._value, self._used = start, value, used
+        self._start, self._value, self._used, self._turn = start, value, used, self._turn + 1

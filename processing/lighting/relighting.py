@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from processing.errors import GeometryError
 from processing.lighting.brdfs import Brdf, lambert
-from processing.lighting.cached_kernel import cached_frame
+from processing.lighting.cached_kernel import CachedFrame, frame_in_threads
 from processing.lighting.directions import SampleDirections
 from processing.lighting.kept_steps import KeptSteps
 from processing.lighting.light import EnvironmentLight, LeafLight, checked_rotation
@@ -49,12 +49,18 @@ class Relighting:
     """Bodies under an environment; vertices are numbered through all bodies, one after another.
 
     Bodies start white, where their own frames are, seen from the origin; every change is told by a method and takes
-    effect in the next `frame`.
+    effect in the next `frame`. `cached_frame` finds light past bodies that stand still, in threads unless told.
     """
 
-    def __init__(self, bodies: Sequence[RelitBody], sampled: SampleDirections, environment: Environment) -> None:
+    def __init__(
+        self,
+        bodies: Sequence[RelitBody],
+        sampled: SampleDirections,
+        environment: Environment,
+        cached_frame: CachedFrame = frame_in_threads,
+    ) -> None:
         self._sampled = sampled
-        self._lit = [_LitBody(body, sampled) for body in bodies]
+        self._lit = [_LitBody(body, sampled, cached_frame) for body in bodies]
         self.first = np.concatenate([[0], np.cumsum([len(body.body.vertices) for body in bodies])])
         self._poses = [np.eye(4) for _ in bodies]
         self._light, self._turn, self._eye = EnvironmentLight(environment, sampled), np.eye(3), np.zeros(3)
@@ -138,11 +144,11 @@ class Relighting:
 class _LitBody:
     """One body's vertices: their surroundings, what is known of their visibility, and their radiance."""
 
-    def __init__(self, relit: RelitBody, sampled: SampleDirections) -> None:
+    def __init__(self, relit: RelitBody, sampled: SampleDirections, cached_frame: CachedFrame) -> None:
         count = len(relit.body.vertices)
         self.relit, self.brdf = relit, lambert(np.full(3, _WHITE))
         self.radiance, self.known = np.zeros((count, 3), np.float32), np.zeros(count, np.bool_)
-        self._sampled, self._means = sampled, sampled.node_means
+        self._sampled, self._means, self._cached_frame = sampled, sampled.node_means, cached_frame
         self._points = relit.body.origins
         self._neighbours: dict[int, Neighbour] = {}
         self._reached: dict[int, Bool] = {}
@@ -204,15 +210,8 @@ class _LitBody:
 
     def _from_whole(self, vertices: Int64, light: LeafLight, eye: Float64) -> None:
         self._merge(self._whole, vertices, frozenset(self._neighbours))
-        steps = self._whole.steps(vertices)
-
-        def work(start: int, stop: int) -> None:
-            part = vertices[start:stop]
-            found = np.empty((len(part), 3), np.float32)
-            cached_frame(_part(steps, start, stop), self._surface(part, eye), light.sums, found)
-            self.radiance[part] = found
-
-        in_parts(work, len(vertices), _PART)
+        surface = self._surface(vertices, eye)
+        self.radiance[vertices] = self._cached_frame(self._whole, vertices, surface, light.sums)
 
     def _merge(self, kept: KeptSteps, vertices: Int64, casting: frozenset[int]) -> None:
         """Keep the product of a vertex's own cut and some bodies' fields where it is not kept."""

@@ -3,7 +3,7 @@
 Directions are unit vectors away from the surface in the tangent frame (normal = +z); f in 1/sr, without the cosine.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
 
@@ -16,12 +16,13 @@ from processing.lighting.lobe_heights import node_heights
 from processing.products.arrays import Float64
 from processing.products.blinn_phong import AnisotropicPhong
 from processing.products.lafortune import LafortuneTexels
+from processing.products.sbrdf_plus import SbrdfPlus
 from processing.products.srf import Srf
 
 _PARAMETERS = 24
 _LAFORTUNE_LOBES = 3
 _LOWEST = 0.02  # cosine to the light: a residual function is divided by no less
-_NO_TABLE = np.zeros((1, 1, 3))
+_NO_TABLE = np.zeros((1, 1, 1, 3))
 
 
 class BrdfKind(IntEnum):
@@ -38,7 +39,7 @@ class BrdfKind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Brdf:
-    """One of the models; `parameters` (24,) and `table` (half angles, difference angles, 3) are as its maker sets them.
+    """One of the models; `parameters` (24,) and `table` (see `tabulated`) are as its maker sets them.
 
     Raises ImageError where a parameter is negative or no number.
     """
@@ -98,23 +99,27 @@ def ward(diffuse: Float64, specular: Float64, roughness: tuple[float, float]) ->
     return Brdf(BrdfKind.WARD, _filled(np.asarray(diffuse) / np.pi, np.asarray(specular), np.array(roughness)))
 
 
-def ggx(diffuse: Float64, normal_reflectance: Float64, alpha: float) -> Brdf:
-    """Cook-Torrance with GGX normals, Smith's height-correlated shadowing and Schlick's Fresnel term.
+def ggx(diffuse: Float64, normal_reflectance: Float64, roughness: float) -> Brdf:
+    """Cook-Torrance with GGX normals of alpha = roughness^2, height-correlated shadowing, Schlick's Fresnel term.
 
-    Source: Walter et al. 2007, eq. 20 and 33; Heitz 2014, eq. 99. The diffuse part is what is left of it at normal
-    incidence: diffuse (1 - F0) / pi.
+    Source: Walter et al. 2007, eq. 20 and 33; Heitz 2014, eq. 99; Burley 2012 for the square. The diffuse part is what
+    is left of it at normal incidence: diffuse (1 - F0) / pi.
     """
     reflected = np.asarray(normal_reflectance, np.float64)
-    return Brdf(
-        BrdfKind.GGX, _filled(np.asarray(diffuse) * (1 - reflected) / np.pi, reflected, np.array([alpha * alpha]))
-    )
+    diffuse = np.asarray(diffuse) * (1 - reflected) / np.pi
+    return Brdf(BrdfKind.GGX, _filled(diffuse, reflected, np.array([roughness * roughness])))
 
 
 def tabulated(table: Float64) -> Brdf:
-    """Isotropic values (half angles, difference angles, 3), linear between."""
+    """Isotropic values (half angles, difference angles, azimuths, 3) in the middles of cells, linear between these.
+
+    Cells divide the root of the angle from normal to half vector, the angle from half vector to light, and the azimuth
+    of the light about the half vector, from the plane of the normal; each over 0 to 90 deg, as light and view may
+    change places and a mirrored pair of directions is the same. Source: Rusinkiewicz 1998; Matusik et al. 2003.
+    """
     values = np.asarray(table, np.float64)
-    if values.ndim != 3 or values.shape[2] != 3 or min(values.shape[:2]) < 2:
-        raise ImageError(f"a table of reflectance is (half angles, difference angles, 3), not {values.shape}")
+    if values.ndim != 4 or values.shape[3] != 3 or 0 in values.shape:
+        raise ImageError(f"a table of reflectance is (half, difference, azimuth, 3), not {values.shape}")
     return Brdf(BrdfKind.TABLE, np.zeros(_PARAMETERS), np.ascontiguousarray(values))
 
 
@@ -131,6 +136,17 @@ def mean_lafortune(texels: LafortuneTexels) -> Brdf:
         exponent = (weight * texels.exponent[:, :, lobe]).sum() / total
         parts += [axis, np.array([exponent]), albedo.mean(axis=(0, 1))]
     return Brdf(BrdfKind.LAFORTUNE, _filled(*parts))
+
+
+def mean_sbrdf_plus(product: SbrdfPlus) -> Brdf:
+    """The mean lobes of the texels, darker by what their shadows leave of light that comes evenly from all around.
+
+    Shifts move texels about, which a mean does not see; points that the top view hides count as those it sees.
+    """
+    cosine = np.maximum(product.lights.directions[:, 2], 0.0)
+    open_share = np.average(product.shadow.mean(axis=(1, 2)), weights=cosine)
+    lobes = product.lobes
+    return mean_lafortune(replace(lobes, diffuse=lobes.diffuse * open_share, albedo=lobes.albedo * open_share))
 
 
 def mean_srf(srf: Srf) -> Brdf:
@@ -183,7 +199,7 @@ def evaluate(  # noqa: PLR0913 - two directions in numbers, for arrays cost more
     if kind == 3:
         return _ggx(p, lz, vz, z * z / square, 0.5 * np.sqrt(square))
     if kind == 4:
-        return _table(table, z / np.sqrt(square), 0.5 * np.sqrt(square))
+        return _table(table, z / np.sqrt(square), 0.5 * np.sqrt(square), 0.5 * (lz - vz))
     c, s = np.cos(p[8]), np.sin(p[8])
     u, v = (c * x + s * y) ** 2, (c * y - s * x) ** 2
     exponent = (p[6] * u + p[7] * v) / (u + v) if u + v > 0 else 0.0
@@ -210,19 +226,33 @@ def _ggx(p: Float64, lz: float, vz: float, half_square: float, difference: float
 
 
 @numba.njit(cache=True, nogil=True)
-def _table(table: Float64, half: float, difference: float) -> tuple[float, float, float]:
-    rows, columns = table.shape[0] - 1, table.shape[1] - 1
-    u = np.sqrt(np.arccos(min(half, 1.0)) / (0.5 * np.pi)) * rows
-    v = np.arccos(min(difference, 1.0)) / (0.5 * np.pi) * columns
-    row, column = min(int(u), rows - 1), min(int(v), columns - 1)
-    u, v = u - row, v - column
-    a, b, c, d = (1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v
-    one, two = table[row], table[row + 1]
-    return (
-        a * one[column, 0] + b * one[column + 1, 0] + c * two[column, 0] + d * two[column + 1, 0],
-        a * one[column, 1] + b * one[column + 1, 1] + c * two[column, 1] + d * two[column + 1, 1],
-        a * one[column, 2] + b * one[column + 1, 2] + c * two[column, 2] + d * two[column + 1, 2],
-    )
+def _table(table: Float64, half: float, difference: float, apart: float) -> tuple[float, float, float]:
+    """By the cosines of half and difference angle; `apart` is the product of their sines and the azimuth's cosine."""
+    half, difference = min(half, 1.0), min(difference, 1.0)
+    sines = np.sqrt((1 - half * half) * (1 - difference * difference))
+    turn = min(abs(apart) / sines, 1.0) if sines > 1e-9 else 0.0
+    quarter = 0.5 * np.pi
+    row, below, v = _between(np.sqrt(np.arccos(half) / quarter), table.shape[0])
+    column, right, u = _between(np.arccos(difference) / quarter, table.shape[1])
+    layer, behind, w = _between(np.arccos(turn) / quarter, table.shape[2])
+    r, g, b = 0.0, 0.0, 0.0
+    for corner in range(8):
+        i, p = (below, v) if corner & 1 else (row, 1 - v)
+        j, q = (right, u) if corner & 2 else (column, 1 - u)
+        k, s = (behind, w) if corner & 4 else (layer, 1 - w)
+        weight, value = p * q * s, table[i, j, k]
+        r += weight * value[0]
+        g += weight * value[1]
+        b += weight * value[2]
+    return r, g, b
+
+
+@numba.njit(cache=True, nogil=True)
+def _between(share: float, cells: int) -> tuple[int, int, float]:
+    """The two cells whose middles are around a place 0 to 1, and how far it is from the first to the second."""
+    place = min(max(share * cells - 0.5, 0.0), cells - 1.0)
+    first = min(int(place), max(cells - 2, 0))
+    return first, min(first + 1, cells - 1), place - first
 
 
 @numba.njit(cache=True, nogil=True)

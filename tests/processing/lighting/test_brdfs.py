@@ -8,6 +8,7 @@ from processing.lighting import brdfs
 from processing.products.blinn_phong import BlinnPhong
 from processing.products.lafortune import LafortuneTexels
 from processing.products.srf import Srf
+from tests.reference.merl import angles_of
 
 ONE, HALF, NONE = np.ones(3), np.full(3, 0.5), np.zeros(3)
 MODELS = {
@@ -79,15 +80,25 @@ def test_lobes_of_products_are_those_of_the_products():
 
 
 def test_a_table_is_what_it_was_made_of():
+    """Linear in its three angles, so that interpolation is exact between the middles of cells."""
     rng = np.random.default_rng(6)
     light, eye = hemisphere(300, rng), hemisphere(300, rng)
-    rows, columns = 90, 90
-    half, difference = (np.arange(rows) / (rows - 1)) ** 2, np.arange(columns) / (columns - 1)
-    values = np.cos(half * np.pi / 2)[:, None, None] * (1 + difference)[None, :, None] * ONE
-    h = light + eye
-    h /= np.linalg.norm(h, axis=1, keepdims=True)
-    expected = h[:, 2] * (1 + np.arccos(np.clip((h * light).sum(axis=1), -1, 1)) / (np.pi / 2))
-    assert np.allclose(brdfs.tabulated(values).evaluate(light, eye)[:, 0], expected, rtol=1e-3)
+    half, difference, azimuth = ((np.arange(n) + 0.5) / n for n in (40, 30, 20))
+    values = (1 + half)[:, None, None, None] + difference[:, None, None] - 0.5 * azimuth[:, None] * ONE
+    angles = np.stack(angles_of(light, eye)) / (np.pi / 2)
+    folded = 1 - np.abs(1 - angles[2] % 2)
+    expected = 1 + np.sqrt(angles[0]) + angles[1] - 0.5 * folded
+    inner = (np.sqrt(angles[0]) > 0.02) & (angles[1] > 0.02) & (np.abs(folded - 0.5) < 0.47)
+    assert inner.sum() > 200
+    assert np.allclose(brdfs.tabulated(values).evaluate(light, eye)[inner, 0], expected[inner], rtol=1e-9)
+
+
+def test_a_table_may_leave_out_the_azimuth():
+    flat = brdfs.tabulated(np.full((4, 4, 1, 3), 0.2))
+    lights = hemisphere(50, np.random.default_rng(7))
+    assert np.allclose(flat.evaluate(lights, lights[::-1]), 0.2)
+    with pytest.raises(ImageError, match="half, difference, azimuth"):
+        brdfs.tabulated(np.full((4, 4, 3), 0.2))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -0.1])
@@ -95,7 +106,7 @@ def test_parameters_that_are_none_are_refused(bad):
     with pytest.raises(ImageError):
         brdfs.lambert(np.array([0.5, bad, 0.5]))
     with pytest.raises(ImageError):
-        brdfs.tabulated(np.full((4, 4, 3), bad))
+        brdfs.tabulated(np.full((4, 4, 4, 3), bad))
 
 
 def test_sharper_lobes_ask_for_finer_nodes():

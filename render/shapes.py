@@ -113,7 +113,7 @@ def cylinder(
     tile = np.array([2.0 * np.pi * radius / tiles[0], height / tiles[1]])
     rings = max(1, round(shape[1] / 12))
     ends = [_disc(radius, facing * 0.5 * height, facing, (rings, shape[1]), tile) for facing in (1.0, -1.0)]
-    return _joined([side, *ends])
+    return joined([side, *ends])
 
 
 def cylinder_surface(radius: float = 0.5, height: float = 2.0) -> Surface:
@@ -179,15 +179,21 @@ def placed(surface: Surface, world_from_body: Rows) -> Surface:
 
 def vase(*, tiles: tuple[float, float] = (4.0, 4.0), shape: tuple[int, int] = (112, 112)) -> Mesh:
     """A vase turned about the Z axis, standing on z = 0, with a wall: closed, 25 000 triangles."""
-    outline = _smooth(_VASE_OUTLINE)
+    return grid_mesh(revolved(smooth_outline(_VASE_OUTLINE)), shape, tiles)
+
+
+def revolved(outline: CubicSpline) -> Surface:
+    """The surface of an outline (radius, height) over [0, 1] turned about the Z axis, to the right of whose way is out.
+
+    Texture rows run downward: v = 0 is the outline's end.
+    """
 
     def surface(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
-        # Texture rows run downward: v = 0 is the end of the outline, inside.
         radius, height = outline(1.0 - v).T
         slope_radius, slope_height = outline(1.0 - v, 1).T
         return _turned(u, radius, height), _turned(u, slope_height, -slope_radius), _around(u)
 
-    return grid_mesh(surface, shape, tiles)
+    return surface
 
 
 def statue(*, tiles: tuple[float, float] = (4.0, 8.0), shape: tuple[int, int] = (348, 122)) -> Mesh:
@@ -201,7 +207,7 @@ def statue(*, tiles: tuple[float, float] = (4.0, 8.0), shape: tuple[int, int] = 
 
 def statue_surface() -> Surface:
     """The surface of `statue`."""
-    outline, step = _smooth(_STATUE_OUTLINE), 1e-5
+    outline, step = smooth_outline(_STATUE_OUTLINE), 1e-5
 
     def surface(u: Rows, v: Rows) -> tuple[Rows, Rows, Rows]:
         inside = np.clip(v, 1e-3, 1.0 - 1e-3)  # at the poles nothing goes around
@@ -226,7 +232,7 @@ def _disc(radius: float, height: float, facing: float, shape: tuple[int, int], t
     return replace(mesh, uv=mesh.positions[:, :2] * [1.0, -facing] / tile)
 
 
-def _joined(meshes: list[Mesh]) -> Mesh:
+def joined(meshes: list[Mesh]) -> Mesh:
     """One mesh of several; nothing is welded."""
     first = np.cumsum([0, *(len(mesh.positions) for mesh in meshes)])
     triangles = np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first, strict=False)])
@@ -275,7 +281,7 @@ def _draped(outline: CubicSpline, u: Rows, v: Rows) -> Float64:
     return np.column_stack([radius * np.cos(turned) + bent, 0.72 * radius * np.sin(turned), height])
 
 
-def _smooth(outline: Rows) -> CubicSpline:
+def smooth_outline(outline: Rows) -> CubicSpline:
     """The spline through an outline (n, 2) over [0, 1], its corners spread by the roots of their distances."""
     chord = np.linalg.norm(np.diff(outline, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(np.sqrt(chord))])

@@ -159,7 +159,10 @@ def preview(
         Path, typer.Option("--out", "-o", help="Picture (.png), moving light (.webp, .gif), or a folder for all.")
     ],
     shape: Annotated[
-        str, typer.Option(help="sphere, plane, torus, cylinder, knot, vase, statue, or a mesh file (OBJ, PLY, GLB).")
+        str,
+        typer.Option(
+            help="sphere, plane, torus, cylinder, knot, vase, statue, teapot, or a mesh file (OBJ, PLY, GLB)."
+        ),
     ] = "",
     floor: Annotated[bool, typer.Option("--floor", help="Lay a floor of the material under the shape.")] = False,
     azimuth_deg: Annotated[

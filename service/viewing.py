@@ -24,6 +24,7 @@ from render.scene import Body, Light, Scene, framed, light, turning_lights
 from render.shapes import captured_sphere, cylinder, knot, plane, sphere, statue, torus, vase
 from render.showcase import write_showcase
 from render.srf import repeating
+from render.teapot import teapot
 from render.wrapping import wrapping
 from service.environment_pictures import draw_environment
 from service.files import replaced
@@ -53,6 +54,7 @@ SHAPES: dict[str, Callable[[], Mesh]] = {
     "knot": knot,
     "vase": vase,
     "statue": statue,
+    "teapot": teapot,
 }
 MATERIALS: dict[str, Callable[[Path], Material]] = {
     "srf": Srf.load,

@@ -1,22 +1,39 @@
 """Shards of an array store, decoded in one go.
 
 Asking Zarr for each chunk takes as long again as its decompression, and its threads wait for each other. The layout is
-that of the `sharding_indexed` codec (Zarr v3): chunks compressed by Zstandard, then offset and size of each, then a
-checksum.
+that of the `sharding_indexed` codec (Zarr v3): chunks, then offset and size of each, then a checksum. A chunk's bytes
+are sorted by significance and compressed by LZ4 (Blosc), with a checksum behind them: halves come out three times as
+fast as from Zstandard, in a tenth more or less room.
 """
 
+from collections.abc import Sequence
 from itertools import product
 from math import ceil
 from pathlib import Path
+from typing import Any
 
+import google_crc32c
+import numba
 import numpy as np
-from numcodecs.zstd import Zstd
+from numcodecs import blosc
+from numpy.typing import NDArray
+from zarr.codecs import BloscCodec, BytesCodec, Crc32cCodec
 
 from processing.errors import ImageError
 from processing.products.arrays import Float32
 
+_BYTES = BytesCodec(endian="little")
+_PACKED = BloscCodec(typesize=2, cname="lz4", clevel=5, shuffle="shuffle"), Crc32cCodec()
+CODING: dict[str, Any] = {"serializer": _BYTES, "compressors": _PACKED}  # for `create_array`
 _CHECKSUM = 4
 _NO_CHUNK = 2**64 - 1
+_FLOATS = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float32)  # of each half's bits
+
+
+def is_readable(codecs: Sequence[object]) -> bool:
+    """Whether `read_shard` reads an array of these Zarr codecs; older products and those of others are for Zarr."""
+    inner = getattr(codecs[0], "codecs", ())
+    return [type(codec) for codec in inner] == [type(codec) for codec in (_BYTES, *_PACKED)]
 
 
 def read_shard(path: Path, chunk: tuple[int, ...], height: int, first: int, out: Float32) -> None:
@@ -26,7 +43,6 @@ def read_shard(path: Path, chunk: tuple[int, ...], height: int, first: int, out:
     Raises ImageError for a file that is no such shard.
     """
     grid = ceil(height / chunk[2]), ceil(out.shape[3] / chunk[3])
-    zstd = Zstd()
     try:
         shard = np.memmap(path, np.uint8, "r")
         table = shard[len(shard) - _CHECKSUM - 16 * grid[0] * grid[1] : -_CHECKSUM]
@@ -37,9 +53,27 @@ def read_shard(path: Path, chunk: tuple[int, ...], height: int, first: int, out:
             if start == _NO_CHUNK:
                 part[...] = np.nan
             else:
-                values = np.frombuffer(zstd.decode(shard[start : start + size]), "<f2").reshape(chunk)
-                part[...] = values[tuple(slice(n) for n in part.shape)]
+                _widen(_halves(shard[start : start + size].tobytes()).reshape(chunk), _FLOATS, part)
     except FileNotFoundError:
         out[...] = np.nan
     except (ValueError, RuntimeError) as error:
         raise ImageError(f"{path}: not a whole shard ({error}); process the session again") from error
+
+
+def _halves(stored: bytes) -> NDArray[np.uint16]:
+    """The bits of a chunk's float16 values."""
+    packed, checksum = stored[:-_CHECKSUM], stored[-_CHECKSUM:]
+    if google_crc32c.value(packed) != int.from_bytes(checksum, "little"):
+        raise ValueError("a chunk differs from its checksum")
+    return np.frombuffer(blosc.decompress(packed), "<u2")
+
+
+@numba.njit(cache=True, nogil=True)
+def _widen(halves: NDArray[np.uint16], floats: Float32, out: Float32) -> None:
+    """Chunks at the end of an axis are as long as the others; what lies beyond `out` is not looked at."""
+    for light in range(out.shape[0]):
+        for view in range(out.shape[1]):
+            for y in range(out.shape[2]):
+                for x in range(out.shape[3]):
+                    for channel in range(out.shape[4]):
+                        out[light, view, y, x, channel] = floats[halves[light, view, y, x, channel]]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from zarr.codecs import ZstdCodec
 
 import processing.products.btf as stored_btf
 from processing.errors import ImageError
@@ -26,6 +27,24 @@ def test_blocks_are_what_zarr_reads(folder, monkeypatch, most):
     for lights, rows, block in stored.blocks():
         found[lights, :, rows] += block
     np.testing.assert_array_equal(found, Btf.load(folder).reflectance)
+
+
+def test_stores_in_another_coding_are_read(folder, monkeypatch):
+    """As versions before this one wrote them."""
+    kept = Btf.load(folder)
+    monkeypatch.setattr(stored_btf, "CODING", {"compressors": ZstdCodec(level=0)})
+    kept.save(folder)
+    for lights, rows, block in StoredBtf.open(folder).blocks():
+        np.testing.assert_array_equal(block, kept.reflectance[lights, :, rows])
+
+
+def test_a_flipped_bit_is_found(folder):
+    shard = folder / "btf.zarr" / "c" / "0" / "1" / "0" / "0" / "0"
+    data = bytearray(shard.read_bytes())
+    data[len(data) // 2] ^= 1
+    shard.write_bytes(data)
+    with pytest.raises(ImageError, match="checksum"):
+        list(StoredBtf.open(folder).blocks())
 
 
 def test_a_damaged_shard_is_named(folder):

@@ -34,3 +34,8 @@ def renderer_name(context: moderngl.Context) -> str:
     """GL_RENDERER: the card or the software rasteriser that draws."""
     with context:
         return str(context.info["GL_RENDERER"])
+
+
+def is_software(name: str) -> bool:
+    """Whether a renderer of this name draws on the processor: Mesa's, Google's or Microsoft's."""
+    return any(known in name.lower() for known in ("llvmpipe", "softpipe", "swiftshader", "basic render driver"))

@@ -26,14 +26,16 @@ _WRAPPED = "2f 3f", "stretch", "bending"
 _log = logging.getLogger(__name__)
 
 
-class _OnCard(Protocol):
+class OnCard(Protocol):
     """Something that occupies memory of the card."""
 
-    def release(self) -> None: ...
+    def release(self) -> None:
+        """Give it back."""
+        ...
 
 
 Key = TypeVar("Key", bound=Hashable)
-Held = TypeVar("Held", bound=_OnCard)
+Held = TypeVar("Held", bound=OnCard)
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class Target:
 
     def release(self) -> None:
         """Give all of it back."""
-        held: list[_OnCard] = [*self.framebuffers.values(), *self.images, self.depth]
+        held: list[OnCard] = [*self.framebuffers.values(), *self.images, self.depth]
         for each in held:
             each.release()
 
@@ -120,7 +122,7 @@ class Card:
 
     def binding(self, material: Material) -> Binding:
         """The material's textures and numbers."""
-        return _keep(self._materials, id(material), lambda: _Uploaded(material, upload(self.context, material))).binding
+        return keep(self._materials, id(material), lambda: _Uploaded(material, upload(self.context, material))).binding
 
     def draw(self, program: moderngl.Program, mesh: Mesh, *, wrapped: bool = False) -> None:
         """Draw the mesh, with how it wraps samples if that is asked for."""
@@ -151,7 +153,7 @@ class Card:
                 image.repeat_x = image.repeat_y = False
             return Target(self.context, images, self.context.depth_renderbuffer(size), {})
 
-        return _keep(self._targets, (name, size, components), made, _KEPT_TARGETS)
+        return keep(self._targets, (name, size, components), made, _KEPT_TARGETS)
 
     def release(self) -> None:
         """Give everything back."""
@@ -169,7 +171,7 @@ class Card:
             triangles = self.context.buffer(np.ascontiguousarray(mesh.triangles, dtype=np.int32).tobytes())
             return _Geometry(mesh, self._buffer(rows), triangles)
 
-        return _keep(self._geometries, id(mesh), on_card)
+        return keep(self._geometries, id(mesh), on_card)
 
     def _wrapping(self, mesh: Mesh) -> moderngl.Buffer:
         def on_card() -> _Wrapped:
@@ -178,7 +180,7 @@ class Card:
                 _log.info("an open mesh has no silhouettes of its sample: it is drawn up to its own outline")
             return _Wrapped(mesh, self._buffer(np.hstack([wrap.stretch, wrap.bending])))
 
-        return _keep(self._wrapped, id(mesh), on_card).vertices
+        return keep(self._wrapped, id(mesh), on_card).vertices
 
     def _buffer(self, rows: Rows) -> moderngl.Buffer:
         return self.context.buffer(rows.astype(np.float32).tobytes())
@@ -189,7 +191,7 @@ def by_columns(matrix: Rows) -> Float32:
     return matrix.T.astype(np.float32)
 
 
-def _keep(kept: OrderedDict[Key, Held], key: Key, make: Callable[[], Held], most: int = _KEPT) -> Held:
+def keep(kept: OrderedDict[Key, Held], key: Key, make: Callable[[], Held], most: int = _KEPT) -> Held:
     """What is kept under the key, made if need be; beyond the limit, the one used longest ago is given back."""
     if key not in kept:
         kept[key] = make()

@@ -14,7 +14,7 @@ from render.errors import ShaderError
 SHADERS = Path(__file__).parent / "shaders"
 # A number, a vector, or float32 as they are written to the card: a matrix or an array of vectors.
 Value = float | tuple[float, ...] | Float32
-_VERSION = "#version 330 core"
+_DRAWING, _COMPUTING = "#version 330 core", "#version 430 core"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 # Lines are numbered from a multiple of this, another one for each file: Mesa loses the source number of most errors.
 _LINES_PER_FILE = 10_000
@@ -54,7 +54,7 @@ def bind(program: moderngl.Program, textures: Mapping[str, moderngl.Texture | mo
         set_uniform(program, name, unit)
 
 
-def set_uniform(program: moderngl.Program, name: str, value: Value) -> None:
+def set_uniform(program: moderngl.Program | moderngl.ComputeShader, name: str, value: Value) -> None:
     """Set a uniform unless the linker has removed it because the shader's variant does not read it."""
     member = program.get(name, None)
     if not isinstance(member, moderngl.Uniform):
@@ -71,15 +71,27 @@ def compile_program(
 ) -> moderngl.Program:
     """Compile and link two files of `folder`; raises ShaderError that names the file and the line."""
     files: list[str] = []
-    sources = [_assemble(folder, name, defines, files) for name in (vertex, fragment)]
+    sources = [_assemble(folder, name, defines, files, _DRAWING) for name in (vertex, fragment)]
     try:
         return context.program(vertex_shader=sources[0], fragment_shader=sources[1])
     except moderngl.Error as error:
         raise ShaderError(f"{vertex} + {fragment}: {_with_file_names(str(error), files)}") from error
 
 
-def _assemble(folder: Path, name: str, defines: frozenset[str], files: list[str]) -> str:
-    head = [_VERSION, *(f"#define {define}" for define in sorted(defines))]
+def compile_compute(
+    context: moderngl.Context, name: str, defines: frozenset[str] = frozenset(), folder: Path = SHADERS
+) -> moderngl.ComputeShader:
+    """The same for a compute shader, which OpenGL has from 4.3 on."""
+    files: list[str] = []
+    source = _assemble(folder, name, defines, files, _COMPUTING)
+    try:
+        return context.compute_shader(source)
+    except moderngl.Error as error:
+        raise ShaderError(f"{name}: {_with_file_names(str(error), files)}") from error
+
+
+def _assemble(folder: Path, name: str, defines: frozenset[str], files: list[str], version: str) -> str:
+    head = [version, *(f"#define {define}" for define in sorted(defines))]
     return "\n".join([*head, *_lines(folder, name, files, set())]) + "\n"
 
 

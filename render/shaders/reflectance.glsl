@@ -78,13 +78,15 @@ void between_cells(float share, int cells, out ivec2 pair, out float part) {
 vec3 reflectance(vec3 light, vec3 view) {
     vec3 between = light + view;
     float sine_of_half = length(between.xy) / length(between);
-    float sine_of_difference = 0.5 * length(light - view);
+    // 1 - |between|^2 / 4 of unit vectors is |light - view|^2 / 4; those lifted to the horizon are shorter.
+    float lifted = 1.0 - 0.5 * (dot(light, light) + dot(view, view));
+    float sine_of_difference = 0.5 * sqrt(dot(light - view, light - view) + (lifted > 1e-6 ? 4.0 * lifted : 0.0));
     float sines = sine_of_half * sine_of_difference;
     float turn = sines > 1e-9 ? min(0.5 * abs(light.z - view.z) / sines, 1.0) : 0.0;
     ivec2 rows, columns, layers;
     vec3 part;
     between_cells(sqrt(atan(length(between.xy), between.z) * 2.0 / PI), table_shape.x, rows, part.x);
-    between_cells(atan(length(light - view), length(between)) * 2.0 / PI, table_shape.y, columns, part.y);
+    between_cells(atan(2.0 * sine_of_difference, length(between)) * 2.0 / PI, table_shape.y, columns, part.y);
     between_cells(acos(turn) * 2.0 / PI, table_shape.z, layers, part.z);
     vec3 found = vec3(0.0);
     for (int corner = 0; corner < 8; ++corner) {

@@ -52,7 +52,7 @@ BRDFS = {
     "Ward": ward(COLOUR, WHITE, (0.3, 0.15)),
     "GGX": ggx(COLOUR, WHITE, 0.4),
     "smooth GGX": ggx(COLOUR, WHITE, 0.15),
-    # "table": _measured(),
+    "table": _measured(),
     "Lafortune": _lobes(),
     "SRF": _srf(),
 }

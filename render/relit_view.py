@@ -13,7 +13,7 @@ from render.context import open_context, renderer_name
 from render.environment import Environment
 from render.errors import GlUnavailableError
 from render.mesh import Mesh
-from render.on_card import Card, by_columns
+from render.on_card import Card, Target, by_columns
 from render.picture import Picture
 from render.programs import bind, set_uniform
 from render.rays import toward_eye
@@ -67,18 +67,18 @@ class RelitView:
         """The bodies in the radiance (all vertices, 3), linear and interpolated in space; of a vertex that is not
         `visible` any. Pixels that show nothing are 0 in radiance and coverage, unless there is a background.
         """
-        camera, poses = camera.scaled(self._supersampling), self.bodies.checked_poses(poses)
+        poses, samples = self.bodies.checked_poses(poses), camera.scaled(self._supersampling)
         with self.context:
             self._radiance.write(self.bodies.checked_radiance(radiance).tobytes())
-            target = self._card.target("relit", camera.size, (4,))
+            target = self._card.target("relit", samples.size, (4,))
             target.whole.use()
             target.whole.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
             if background is not None:
-                self._fill_with(background, camera)
-            self._draw_bodies("relit.frag", camera, poses)
-            data = np.frombuffer(target.images[0].read(), np.float32)
+                self._fill_with(background, samples)
+            self._draw_bodies("relit.frag", samples, poses)
+            data = np.frombuffer(self._averaged(target, camera.size).images[0].read(), np.float32)
         image = rows_from_gl(data.reshape(*camera.size[::-1], 4))
-        return Picture(image[:, :, :3], image[:, :, 3]).averaged(self._supersampling)
+        return Picture(np.ascontiguousarray(image[:, :, :3]), np.ascontiguousarray(image[:, :, 3]))
 
     def release(self) -> None:
         """Give everything on the card back, the context last."""
@@ -116,6 +116,17 @@ class RelitView:
         set_uniform(program, "azimuth_rad", background.environment.azimuth_rad)
         self.context.enable_only(moderngl.NOTHING)
         self._card.fill(program)
+
+    def _averaged(self, samples: Target, size: tuple[int, int]) -> Target:
+        """The samples of each pixel as their mean."""
+        target = self._card.target("averaged", size, (4,))
+        program = self._card.program("screen.vert", "averaged.frag")
+        bind(program, {"image": samples.images[0]})
+        set_uniform(program, "factor", self._supersampling)
+        target.whole.use()
+        self.context.enable_only(moderngl.NOTHING)
+        self._card.fill(program)
+        return target
 
     def _texture(self, environment: Environment) -> moderngl.Texture:
         """The environment on the card; the last one stays there."""

@@ -108,15 +108,28 @@ class LampsConfig(_Model):
 
 
 class CameraConfig(_Model):
-    """One PTP/IP camera and its nominal place; the true pose comes from calibration."""
+    """One PTP/IP camera and its nominal place; the true pose comes from calibration.
+
+    One that is held by hand stands in the rig's middle and looks around through a fish-eye, whose field of view its
+    maker states.
+    """
 
     address: str  # host:port
     serial: str
-    mount: Literal["front", "camera_arc"]
-    elevation_deg: Degrees
-    distance_mm: float = Field(gt=0)
+    mount: Literal["front", "camera_arc", "hand"]
+    elevation_deg: Degrees = 0.0
+    distance_mm: float = Field(ge=0, default=0.0)
+    field_deg: float | None = Field(gt=0, lt=360, default=None)  # of a fish-eye
     megabytes_per_s: float = Field(gt=0, default=20.0)  # of the download
-    frame_megabytes: float = Field(gt=0, default=10.0)  # of one raw file, for the forecast of time and disk
+    frame_megabytes: float = Field(gt=0, default=10.0)  # of one file, for the forecast of time and disk
+
+    @model_validator(mode="after")
+    def _has_a_place_or_a_field(self) -> Self:
+        if self.mount == "hand" and self.field_deg is None:
+            raise ValueError("a camera that is held by hand needs field_deg, the field of view of its fish-eye")
+        if self.mount != "hand" and not (self.distance_mm > 0 and "elevation_deg" in self.model_fields_set):
+            raise ValueError("a mounted camera needs elevation_deg and distance_mm, its place")
+        return self
 
 
 class LaserConfig(_Model):

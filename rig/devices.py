@@ -7,6 +7,8 @@ Drivers implement these protocols, the runner uses them. Commands that take time
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from math import nan
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -82,11 +84,19 @@ class Lamps(Protocol):
         ...
 
 
+class FileFormat(StrEnum):
+    """What kind of file a camera is to deliver; its value is also the file's ending where the format has only one."""
+
+    RAW = "dng"
+    JPEG = "jpg"
+
+
 @dataclass(frozen=True, slots=True)
 class RawFrame:
     """One frame as the camera delivered it.
 
-    `data` is the camera's own file (DNG); `serial` and `exposure_s` are read from it, not from what was asked.
+    `data` is the camera's own file; `serial`, `exposure_s`, `iso` (NaN where it is not told) and `file_format` are read
+    from it, not from what was asked.
     `index` counts within a burst. `taken_s` is the rig clock's time at which the exposure was asked to begin; later
     frames of a burst are as far behind as the camera's own clock says to the millisecond, else index times interval.
     """
@@ -97,17 +107,26 @@ class RawFrame:
     exposure_s: float
     index: int
     taken_s: float
+    iso: float = nan
+    file_format: FileFormat = FileFormat.RAW
 
 
 class Camera(Protocol):
-    """A camera that delivers raw files."""
+    """A camera that delivers files of its own."""
 
     @property
     def name(self) -> str:
         """Key in rig.toml, [cameras.NAME]."""
         ...
 
-    def expose(self, exposure_s: float, *, frames: int = 1, interval_s: float = 0.0) -> None:
+    def expose(
+        self,
+        exposure_s: float,
+        *,
+        frames: int = 1,
+        interval_s: float = 0.0,
+        file_format: FileFormat = FileFormat.RAW,
+    ) -> None:
         """Start one exposure, or a burst with that interval between starts, and return."""
         ...
 

@@ -64,15 +64,15 @@ def make_environment(
         if imported is None:
             front, back = brackets_of(sources)
             yield f"front: {_names(front)}; back: {_names(back)}"
-            captured, coarser = _photographed(front, back, options, part)
+            captured, told = photographed(front, back, options, part)
             environment = captured.environment
-            yield from _about_photographs(captured, coarser)
+            yield from told
         else:
             environment, repaired = read_environment(
                 imported, options.size, azimuth_rad=float(np.radians(options.azimuth_deg))
             )
             yield from _about_repairs(repaired)
-        yield from _about_light(environment)
+        yield from about_light(environment)
         environment.save(part)
         save_image(part / PICTURE, panorama_picture(environment))
     if panorama is not None:
@@ -82,8 +82,13 @@ def make_environment(
     yield f"{out}: cubemap of 6 faces of {options.size} pixels; `rig preview MATERIAL --environment {out}` lights by it"
 
 
-def _photographed(front: Bracket, back: Bracket, options: PlaceOptions, out: Path) -> tuple[CapturedEnvironment, int]:
-    """What was found, and how many pixels of a photograph, along a side, went into one of its own."""
+def photographed(
+    front: Bracket, back: Bracket, options: PlaceOptions, out: Path
+) -> tuple[CapturedEnvironment, list[str]]:
+    """The light of two bracketed photographs, a picture of what was found in the folder `out`, and it in words.
+
+    Raises ImageError as `capture_environment` does.
+    """
     turn = _turn(options.turn) if options.turn else None
     hidden_px = [_rectangle(text) for text in options.hide]
     photographs = merge_brackets(front, back)
@@ -104,7 +109,7 @@ def _photographed(front: Bracket, back: Bracket, options: PlaceOptions, out: Pat
     names = tuple(path.name for bracket in (front, back) for path in bracket.files)
     captured = environment_of(photographs, capture, names)
     save_found(out / FOUND, photographs, captured)
-    return captured, coarser
+    return captured, list(_about_photographs(captured, coarser))
 
 
 def _mask(path: Path | None, hidden_px: list[Rectangle], shape: tuple[int, int]) -> NDArray[np.bool_] | None:
@@ -179,7 +184,7 @@ def _about_repairs(repaired: int) -> Iterator[str]:
         yield f"WARNING: {repaired} values were no numbers or infinite; filled from around, or the largest there is"
 
 
-def _about_light(environment: Environment) -> Iterator[str]:
+def about_light(environment: Environment) -> Iterator[str]:
     """How much light, and of what a sun takes of it; raises ImageError where there is none."""
     luminance = environment.radiance.astype(np.float64).mean(axis=-1)
     weighted = luminance * environment.solid_angles

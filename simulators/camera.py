@@ -12,9 +12,9 @@ from typing import ClassVar
 
 from simulators.dng import EPOCH
 from simulators.faults import Fault
-from simulators.layout import CameraLayout
+from simulators.layout import CameraLabel
 from simulators.line import corrupted
-from simulators.shutter import Release, Shutter
+from simulators.shutter import TICK_S, Release, Shutter
 
 OK, GENERAL_ERROR, NO_SESSION, UNSUPPORTED, NO_STORE, NO_OBJECT = 0x2001, 0x2002, 0x2003, 0x2005, 0x2008, 0x2009
 NO_PROPERTY, BUSY, BAD_FORMAT, BAD_VALUE, SESSION_OPEN = 0x200A, 0x2019, 0x201B, 0x201C, 0x201E
@@ -23,12 +23,16 @@ OBJECT_ADDED, CAPTURE_COMPLETE = 0x4002, 0x400D
 GET_DEVICE_INFO, OPEN_SESSION = 0x1001, 0x1002
 EXPOSURE_TIME, EXPOSURE_INDEX, F_NUMBER, CAPTURE_MODE = 0x500D, 0x500F, 0x5007, 0x5013
 BURST_NUMBER, BURST_INTERVAL, BATTERY = 0x5018, 0x5019, 0x5001
-DNG = 0x3811
+SHUTTER_SPEED = 0xD00F  # of Ricoh's: numerator in the lower 32 bits, denominator in the upper (Theta API reference)
+JPEG, DNG = 0x3801, 0x3811
+ENDINGS = {JPEG: "JPG", DNG: "DNG"}
+BITS = {JPEG: 8, DNG: 16}
+MTP = 6  # vendor extension
 STORAGE = 0x00010001
 CAPACITY = 64 << 30
 SINGLE, BURST = 1, 2
 ALL = 0xFFFFFFFF
-TYPES = {2: "<B", 4: "<H", 6: "<I"}  # PTP data type code: struct format
+TYPES = {2: "<B", 4: "<H", 6: "<I", 8: "<Q"}  # PTP data type code: struct format
 
 
 class ResponseError(Exception):
@@ -88,11 +92,36 @@ def _properties() -> dict[int, Property]:
     }
 
 
+@dataclass(frozen=True)
+class Make:
+    """What sets one make of camera apart on the wire; the first of its formats is what it takes unless told."""
+
+    formats: tuple[int, ...]
+    vendor_extension: int
+    properties: Callable[[], dict[int, Property]]
+
+
+def phone_make(speeds: Sequence[tuple[int, int]]) -> Make:
+    """A phone-like camera, which is told one of its shutter speeds (numerator, denominator) and has both formats."""
+
+    def properties() -> dict[int, Property]:
+        values = tuple(bottom << 32 | top for top, bottom in speeds)
+        others = {code: one for code, one in _properties().items() if code not in (EXPOSURE_TIME, F_NUMBER)}
+        fixed = Property(4, 180, writable=True, values=(180,))
+        return others | {F_NUMBER: fixed, SHUTTER_SPEED: Property(8, values[len(values) // 2], True, None, values)}
+
+    return Make((JPEG, DNG), MTP, properties)
+
+
+MOUNTED = Make((DNG,), 0, _properties)
+
+
 @dataclass(frozen=True, slots=True)
 class Stored:
     """A file in the camera's memory."""
 
     name: str
+    format: int
     data: bytes
     taken_s: float
 
@@ -110,13 +139,14 @@ class Request:
 class Camera:
     """One camera. `notify` sends an event: code, transaction, parameters."""
 
-    layout: CameraLayout
+    layout: CameraLabel
     shutter: Shutter
     now_s: Callable[[], float]
+    make: Make = MOUNTED
     notify: Callable[[int, int, tuple[int, ...]], None] = field(default=lambda *_: None)
 
     def __post_init__(self) -> None:
-        self.properties = _properties()
+        self.properties = self.make.properties()
         self.objects: dict[int, Stored] = {}
         self.session: int | None = None
         self._next_handle = 1
@@ -144,14 +174,14 @@ class Camera:
 
     def _device_info(self, _: Request) -> bytes:
         return b"".join([
-            struct.pack("<HIH", 100, 0, 100),
+            struct.pack("<HIH", 100, self.make.vendor_extension, 100),
             _string(""),
             struct.pack("<H", 0),
             _array16(sorted(self._operations)),
             _array16([OBJECT_ADDED, CAPTURE_COMPLETE]),
             _array16(sorted(self.properties)),
-            _array16([DNG]),
-            _array16([DNG]),
+            _array16(self.make.formats),
+            _array16(self.make.formats),
             _string("Virtual Cameras"),
             _string(self.layout.model),
             _string("1.0"),
@@ -184,9 +214,9 @@ class Camera:
         storage, form, parent = request.parameters
         if storage not in (STORAGE, ALL):
             raise ResponseError(NO_STORE)
-        if form not in (0, DNG, ALL) or parent not in (0, ALL):
+        if parent not in (0, ALL):
             return []
-        return sorted(self.objects)
+        return sorted(handle for handle, stored in self.objects.items() if form in (0, ALL, stored.format))
 
     def _count(self, request: Request) -> tuple[int, ...]:
         return (len(self._handles(request)),)
@@ -203,9 +233,9 @@ class Camera:
         stored = self._stored(request)
         taken = _string((EPOCH + timedelta(seconds=stored.taken_s)).strftime("%Y%m%dT%H%M%S"))
         return b"".join([
-            struct.pack("<IHHI", STORAGE, DNG, 0, len(stored.data)),
+            struct.pack("<IHHI", STORAGE, stored.format, 0, len(stored.data)),
             struct.pack("<HIII", 0, 0, 0, 0),
-            struct.pack("<III", self.layout.width_px, self.layout.height_px, 16),
+            struct.pack("<III", self.layout.width_px, self.layout.height_px, BITS[stored.format]),
             struct.pack("<IHII", 0, 0, 0, request.parameters[0]),
             _string(stored.name), taken, taken, _string(""),
         ])  # fmt: skip
@@ -225,25 +255,33 @@ class Camera:
         storage, form, _ = request.parameters
         if storage not in (0, STORAGE):
             raise ResponseError(NO_STORE)
-        if form not in (0, DNG):
+        form = form or self.make.formats[0]
+        if form not in self.make.formats:
             raise ResponseError(0x200B)  # invalid object format
         if self.shutter.busy:
             raise ResponseError(BUSY)
         burst = self.properties[CAPTURE_MODE].value == BURST
         release = Release(
-            exposure_ticks=self.properties[EXPOSURE_TIME].value,
+            exposure_s=self._exposure_s(),
+            jpeg=form == JPEG,
             frames=self.properties[BURST_NUMBER].value if burst else 1,
             interval_s=self.properties[BURST_INTERVAL].value / 1000,
-            deliver=lambda image: self._store(image, request.transaction),
+            deliver=lambda image: self._store(image, form, request.transaction),
             complete=lambda: self.notify(CAPTURE_COMPLETE, request.transaction, ()),
         )
         self.shutter.release(release)
         return b""
 
-    def _store(self, image: bytes, transaction: int) -> None:
+    def _exposure_s(self) -> float:
+        if SHUTTER_SPEED in self.properties:
+            speed = self.properties[SHUTTER_SPEED].value
+            return (speed & 0xFFFFFFFF) / (speed >> 32)
+        return round(self.properties[EXPOSURE_TIME].value * TICK_S, 4)
+
+    def _store(self, image: bytes, form: int, transaction: int) -> None:
         handle = self._next_handle
         self._next_handle += 1
-        self.objects[handle] = Stored(f"IMG_{handle:05d}.DNG", image, self.now_s())
+        self.objects[handle] = Stored(f"IMG_{handle:05d}.{ENDINGS[form]}", form, image, self.now_s())
         self.notify(OBJECT_ADDED, transaction, (handle,))
 
     def _terminate(self, _: Request) -> bytes:

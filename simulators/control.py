@@ -1,7 +1,7 @@
 """The control port: one JSON object per line, for the simulated rig's clock, for an operator's hands, and for faults.
 
 {"op": "now"}, {"op": "advance", "seconds": x}, {"op": "status"}, {"op": "power", "on": true} (the RCX' button),
-{"op": "mount", "sample"?, "pose"?, "laser_elevation_deg"?, "card"?}, {"op": "truth", "what", ...},
+{"op": "mount", "sample"?, "pose"?, "laser_elevation_deg"?, "card"?, "place"?, "facing"?}, {"op": "truth", "what", ...},
 {"op": "fault", "device", "kind", ...}, {"op": "faults"}, {"op": "clear_faults"}.
 A reply has "ok"; where that is false, "error" says why.
 """
@@ -60,7 +60,7 @@ class Control:
         return {"time_s": self.clock.now_s()}
 
     def _mount(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        known = ("sample", "pose", "laser_elevation_deg", "card")
+        known = ("sample", "pose", "laser_elevation_deg", "card", "place", "facing")
         if unknown := set(arguments) - set(known):
             raise ControlError(f"{sorted(unknown)[0]!r} is none of {', '.join(known)}")
         now = self.world.mounted
@@ -69,6 +69,8 @@ class Control:
             board_pose=int(arguments.get("pose", now.board_pose)),
             laser_elevation_deg=float(arguments.get("laser_elevation_deg", now.laser_elevation_deg)),
             card=str(arguments.get("card", FRONT)),  # with whatever else is mounted, it goes back to its place
+            place=str(arguments.get("place", now.place)),
+            facing=str(arguments.get("facing", now.facing)),
         )
         self.world.mount(mounted)
         return {}

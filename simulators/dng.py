@@ -60,7 +60,7 @@ def encode_dng(mosaic_dn: NDArray[np.uint16], raw: RawFile) -> bytes:
 
 
 def _main_entries(width: int, height: int, size: int, raw: RawFile) -> list[Entry]:
-    stamp = _stamp(raw.time_s)[0]
+    taken, _ = stamp(raw.time_s)
     return [
         _numbers(0x00FE, _LONG, [0]),  # NewSubFileType: the full image
         _numbers(0x0100, _LONG, [width]),
@@ -77,7 +77,7 @@ def _main_entries(width: int, height: int, size: int, raw: RawFile) -> list[Entr
         _numbers(0x0117, _LONG, [size]),  # StripByteCounts
         _numbers(0x011C, _SHORT, [1]),  # PlanarConfiguration
         _text(0x0131, "appearance rig simulators"),  # Software
-        _text(0x0132, stamp),
+        _text(0x0132, taken),
         _numbers(0x828D, _SHORT, [2, 2]),  # CFARepeatPatternDim
         _numbers(0x828E, _BYTE, [0, 1, 1, 2]),  # CFAPattern: RG GB
         _numbers(0x8769, _LONG, [0]),  # Exif IFD, filled in at the end
@@ -100,14 +100,14 @@ def _main_entries(width: int, height: int, size: int, raw: RawFile) -> list[Entr
 
 
 def _exif_entries(raw: RawFile) -> list[Entry]:
-    stamp, subsecond = _stamp(raw.time_s)
+    taken, subsecond = stamp(raw.time_s)
     exposure = Fraction(raw.exposure_s).limit_denominator(1_000_000)
     return [
         _numbers(0x829A, _RATIONAL, [exposure.numerator, exposure.denominator]),  # ExposureTime
         _fractions(0x829D, _RATIONAL, [round(raw.f_number * 10)], 10),  # FNumber
         _numbers(0x8827, _SHORT, [raw.iso]),  # PhotographicSensitivity
         (0x9000, _UNDEFINED, 4, b"0230"),  # ExifVersion
-        _text(0x9003, stamp),  # DateTimeOriginal
+        _text(0x9003, taken),  # DateTimeOriginal
         _text(0x9291, subsecond),  # SubSecTimeOriginal
         _fractions(0x920A, _RATIONAL, [round(raw.focal_length_mm * 10)], 10),  # FocalLength
         _text(0xA420, raw.unique_id),  # ImageUniqueID
@@ -115,7 +115,7 @@ def _exif_entries(raw: RawFile) -> list[Entry]:
     ]
 
 
-def _stamp(time_s: float) -> tuple[str, str]:
+def stamp(time_s: float) -> tuple[str, str]:
     """Exif's date and time, and the microseconds that it leaves out."""
     moment = EPOCH + timedelta(seconds=time_s)
     return moment.strftime("%Y:%m:%d %H:%M:%S"), f"{moment.microsecond:06d}"

@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from simulators.chance import uniform
-from simulators.layout import Layout
+from simulators.layout import PHONE, Layout
 
 
 class FaultError(Exception):
@@ -71,7 +71,7 @@ class Fault(BaseModel):
 
 def fault_devices(layout: Layout) -> dict[Occasion, tuple[str, ...]]:
     """The names that faults of each occasion can strike."""
-    cameras, axes = tuple(layout.cameras), tuple(layout.axes)
+    cameras, axes = (*layout.cameras, PHONE), tuple(layout.axes)
     return {
         Occasion.MESSAGE: ("bus", "dmx", "tower", *axes, *cameras),
         Occasion.FRAME: cameras,

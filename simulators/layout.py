@@ -9,11 +9,13 @@ by 0.5 deg, 5 mm and 10 % in intensity, and by 2 % between the colours.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import atan2, cos, radians, sin
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+PHONE = "phone"  # the camera in the hand; see `simulators.phone`
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +132,40 @@ class CameraLayout:
     distortion: tuple[float, float]
     rig_from_camera: Array
     megabytes_per_s: float = 20.0
+
+
+class CameraLabel(Protocol):
+    """What a camera says of itself on the wire, whatever lies behind."""
+
+    @property
+    def name(self) -> str:
+        """Key in rig.toml."""
+        ...
+
+    @property
+    def serial(self) -> str:
+        """As engraved."""
+        ...
+
+    @property
+    def model(self) -> str:
+        """As engraved."""
+        ...
+
+    @property
+    def width_px(self) -> int:
+        """Of a picture."""
+        ...
+
+    @property
+    def height_px(self) -> int:
+        """Of a picture."""
+        ...
+
+    @property
+    def megabytes_per_s(self) -> float:
+        """Of the download."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)

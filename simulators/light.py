@@ -26,6 +26,8 @@ LASER_PEAK = 250000.0 / 60000.0
 LASER_CHANNELS = np.array([1.00, 0.12, 0.03])
 # Of the fibres' directions: a full sheen gives back 0.08 of the light toward a view along the normal, 0.57 at 85 deg.
 SHEEN_ROUGHNESS = 0.5
+# XYZ to linear sRGB primaries under D65 (IEC 61966-2-1), which sensors' channels follow up to their white balance.
+SRGB_FROM_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 AMBIENT = 3e-4  # irradiance of the stray light in the dark room
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simulators.chance import Key
 from simulators.dng import RawFile, encode_dng
 from simulators.glint import Spots, add_spots, glint
-from simulators.layout import Array, CameraLayout, Layout
+from simulators.layout import PHONE, Array, CameraLayout, Layout
 from simulators.lens import rays, sample_points, vignette
 from simulators.light import (
     AMBIENT,
@@ -24,12 +24,14 @@ from simulators.light import (
     ELECTRONS_PER_RADIANCE,
     LASER_CHANNELS,
     LASER_PEAK,
+    SRGB_FROM_XYZ,
     gather,
     radiance,
     stripe_angles,
     stripe_profile,
     through_filters,
 )
+from simulators.phone import FrameLabel, Phone, build_phone
 from simulators.pose import Pose
 from simulators.recent import Recent
 from simulators.scene import Floats, Hits
@@ -43,9 +45,6 @@ BLUR_PX = 0.5  # standard deviation of the lens and the sensor's low-pass filter
 VIEW_BYTES, MOSAIC_BYTES = 256 << 20, 64 << 20
 ISO, F_NUMBER, PIXEL_PITCH_M = 100, 8.0, 6e-6
 LIGHTBOX_RADIANCE = 0.9 / np.pi  # as white that faces a lamp
-
-# XYZ to linear sRGB primaries under D65 (IEC 61966-2-1), which the sensor's channels follow up to its white balance.
-SRGB_FROM_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,8 @@ class Optics:
         self._mosaics: Recent[Floats] = Recent(MOSAIC_BYTES, lambda mosaic: mosaic.nbytes)
         self._stripes: Recent[Stripe] = Recent(VIEW_BYTES, lambda stripe: stripe.nbytes)
         self._responses: dict[str, Floats] = {}
-        self._truth = Truth(truth_dir, self._studio, self.rate)
+        self.phone = Phone(build_phone(seed, size), seed)
+        self._truth = Truth(truth_dir, self._studio, self.rate, self.phone)
 
     @property
     def layout(self) -> Layout:
@@ -100,6 +100,10 @@ class Optics:
         """The camera's own sensor."""
         return self._studio.sensor(camera)
 
+    def serial(self, camera: str) -> str:
+        """What is engraved on a camera."""
+        return self.phone.layout.serial if camera == PHONE else self.layout.cameras[camera].serial
+
     def photograph(
         self, camera: str, pose: Pose, exposure_s: float, *, serial: str, frame_key: Key, time_s: float
     ) -> bytes:
@@ -108,11 +112,27 @@ class Optics:
         `time_s` is the simulated time, for the file's date. Appends a line to the truth's frames.jsonl.
         """
         key = (self._studio.seed, serial, *frame_key)
+        label = self._label(key, camera, pose, exposure_s, time_s)
+        if camera == PHONE:
+            return self.phone.dng(self.phone.radiance(pose.place, pose.facing), exposure_s, key, label)
         rate = self.rate(camera, pose) + self.laser_rate(camera, pose)
         counts = self.sensor(camera).expose(rate, exposure_s, key)
+        return encode_dng(counts, self._raw_file(camera, exposure_s, label))
+
+    def photograph_jpeg(
+        self, camera: str, pose: Pose, exposure_s: float, *, serial: str, frame_key: Key, time_s: float
+    ) -> bytes:
+        """As `photograph`, of the phone as JPEG; any other camera delivers what it has."""
+        if camera != PHONE:
+            return self.photograph(camera, pose, exposure_s, serial=serial, frame_key=frame_key, time_s=time_s)
+        key = (self._studio.seed, serial, "jpeg", *frame_key)
+        label = self._label(key, camera, pose, exposure_s, time_s)
+        return self.phone.jpeg(self.phone.radiance(pose.place, pose.facing), exposure_s, key, label)
+
+    def _label(self, key: Key, camera: str, pose: Pose, exposure_s: float, time_s: float) -> FrameLabel:
         unique_id = hashlib.blake2b(repr((key, exposure_s)).encode(), digest_size=16).hexdigest()
         self._truth.note_frame(unique_id, camera, pose, exposure_s=exposure_s, time_s=time_s)
-        return encode_dng(counts, self._raw_file(camera, serial, exposure_s, time_s, unique_id))
+        return FrameLabel(str(key[1]), time_s, unique_id)
 
     def truth(self, what: str, pose: Pose, **arguments: Argument) -> dict[str, Any]:
         """Write one kind of truth of a pose into the truth folder and say where; see `simulators.truth.Truth`."""
@@ -251,12 +271,12 @@ class Optics:
         device = self.layout.cameras[camera]
         return device.height_px, device.width_px
 
-    def _raw_file(self, camera: str, serial: str, exposure_s: float, time_s: float, unique_id: str) -> RawFile:
+    def _raw_file(self, camera: str, exposure_s: float, label: FrameLabel) -> RawFile:
         device = self.layout.cameras[camera]
         neutral = (float(CHANNELS[0]), float(CHANNELS[1]), float(CHANNELS[2]))
         model = Sensor()  # a file states the model's noise, not the unit's
         return RawFile(
-            serial=serial,
+            serial=label.serial,
             model=device.model,
             black_dn=model.black_dn,
             white_dn=model.white_dn,
@@ -267,8 +287,8 @@ class Optics:
             iso=ISO,
             f_number=F_NUMBER,
             focal_length_mm=float(device.matrix[0, 0]) * PIXEL_PITCH_M * 1e3,
-            time_s=time_s,
-            unique_id=unique_id,
+            time_s=label.time_s,
+            unique_id=label.unique_id,
         )
 
 

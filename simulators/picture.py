@@ -113,12 +113,19 @@ class PictureCamera:
     f_number: float = 4.0
     model: str = "Virtual P1"
 
-    def photograph(self, radiance: NDArray[np.floating], exposure_s: float, key: Key) -> bytes:
-        """JPEG file of a scene (h, w, 3); the same key gives the same bits."""
+    def photograph(
+        self,
+        radiance: NDArray[np.floating],
+        exposure_s: float,
+        key: Key,
+        tags: Mapping[int, str] | None = None,
+        exif: Mapping[int, object] | None = None,
+    ) -> bytes:
+        """JPEG file of a scene (h, w, 3), with more `tags` and `exif` data; the same key gives the same bits."""
         image = Image.fromarray(self.develop(radiance, exposure_s, key))
         content = io.BytesIO()
         coding = {"quality": self.quality, "subsampling": self.subsampling}
-        image.save(content, "JPEG", exif=self._exif(exposure_s), **coding)
+        image.save(content, "JPEG", exif=self._exif(exposure_s, tags or {}, exif or {}), **coding)
         return content.getvalue()
 
     def develop(self, radiance: NDArray[np.floating], exposure_s: float, key: Key) -> NDArray[np.uint8]:
@@ -133,8 +140,9 @@ class PictureCamera:
         channels = [curve(linear[..., c]) for c, curve in enumerate(CURVES[self.curve])]
         return np.asarray(np.rint(255 * np.stack(channels, axis=-1)), np.uint8)
 
-    def _exif(self, exposure_s: float) -> Image.Exif:
+    def _exif(self, exposure_s: float, more: Mapping[int, str], exif: Mapping[int, object]) -> Image.Exif:
         tags = Image.Exif()
-        tags[_MODEL] = self.model
-        tags.get_ifd(_EXIF_IFD).update({_EXPOSURE_TIME: exposure_s, _F_NUMBER: self.f_number, _ISO: self.iso})
+        tags.update({_MODEL: self.model, **more})
+        own = {_EXPOSURE_TIME: exposure_s, _F_NUMBER: self.f_number, _ISO: self.iso}
+        tags.get_ifd(_EXIF_IFD).update({**own, **exif})
         return tags

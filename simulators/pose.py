@@ -10,7 +10,8 @@ class Pose:
     `lamps` holds (name, level in (0, 1]) of the lit lamps, sorted by name. `laser_sweep` holds the depression angle of
     the laser's fan plane below the horizontal at the start and the end of the exposure, None when it does not shine.
     `board_pose` counts for the ChArUco board only: 0 lies flat on the reference plane, others are tilted. The white
-    card beside a sphere faces a camera at azimuth 0 and `card_elevation_rad`.
+    card beside a sphere faces a camera at azimuth 0 and `card_elevation_rad`. The phone is held at `place`, `facing`
+    front or back.
     """
 
     sample: str
@@ -23,3 +24,5 @@ class Pose:
     laser_on: bool
     laser_sweep: tuple[float, float] | None
     card_elevation_rad: float = 0.0
+    place: str = "room"
+    facing: str = "front"

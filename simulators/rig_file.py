@@ -15,23 +15,27 @@ from simulators.layout import (
     LaserLayout,
     Layout,
 )
+from simulators.phone import FIELD_DEG, PhoneLayout
 
 
-def rig_toml(layout: Layout, *, bus: str, dmx: str, tower: str, cameras: Mapping[str, str], clock: str) -> str:
+def rig_toml(
+    layout: Layout, phone: PhoneLayout, *, serial: Mapping[str, str], cameras: Mapping[str, str], clock: str
+) -> str:
     """The text of rig.toml: nominal numbers, and where each device is reached.
 
-    `bus`, `dmx` and `tower` are serial ports, `cameras` gives host:port per camera name, `clock` the control port.
+    `serial` gives the ports of `bus`, `dmx` and `tower`, `cameras` host:port per camera name, `clock` the control port.
     """
     tables = [
         'name = "simulated rig"\n',
         _holder_table(layout.holder),
         _board_table(layout.board),
-        _table("bus", port=bus),
+        _table("bus", port=serial["bus"]),
         *(_axis_table(name, axis) for name, axis in layout.axes.items()),
-        _table("lamps", port=dmx),
+        _table("lamps", port=serial["dmx"]),
         *(_lamp_table(name, lamp) for name, lamp in layout.lamps.items()),
         *(_camera_table(name, camera, cameras[name]) for name, camera in layout.cameras.items()),
-        _laser_table(layout.laser, tower),
+        _phone_table(phone, cameras[phone.name]),
+        _laser_table(layout.laser, serial["tower"]),
         _table("clock", address=clock),
     ]
     return "".join(tables)
@@ -99,6 +103,18 @@ def _camera_table(name: str, camera: CameraLayout, address: str) -> str:
         distance_mm=_mm(camera.distance_m),
         megabytes_per_s=camera.megabytes_per_s,
         frame_megabytes=round((2 * camera.width_px * camera.height_px + 1000) / 1e6, 6),
+    )
+
+
+def _phone_table(phone: PhoneLayout, address: str) -> str:
+    return _table(
+        f"cameras.{phone.name}",
+        address=address,
+        serial=phone.serial,
+        mount="hand",
+        field_deg=FIELD_DEG,
+        megabytes_per_s=phone.megabytes_per_s,
+        frame_megabytes=round((2 * phone.width_px * phone.height_px + 1000) / 1e6, 6),
     )
 
 

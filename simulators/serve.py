@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simulators.axes import Bus, Module
-from simulators.camera import Camera
+from simulators.camera import MOUNTED, Camera, phone_make
 from simulators.clock import Clock
 from simulators.control import Control
 from simulators.faults import FaultSchedule, fault_devices
 from simulators.lamps import Widget
 from simulators.laser_unit import Brick, Tower
+from simulators.layout import PHONE, CameraLabel
 from simulators.line import Line
 from simulators.optics import Optics
+from simulators.phone import SPEEDS
 from simulators.ptp_ip import Responder
 from simulators.rig_file import rig_toml
 from simulators.shutter import Shutter
@@ -57,10 +59,13 @@ class Laboratory:
         self.brick = Brick(self.clock, self.world)
         self._ports: list[Pty | TcpPort] = []
         self._open_serial(state)
-        cameras = {name: self._open_camera(name, i, settings.ptp_port) for i, name in enumerate(self.layout.cameras)}
+        labels: list[CameraLabel] = [*self.layout.cameras.values(), self.optics.phone.layout]
+        cameras = {label.name: self._open_camera(label, i, settings.ptp_port) for i, label in enumerate(labels)}
         self.rig_toml = state / "rig.toml"
         serial = {name: str(state / name) for name in SERIAL_WIRES}
-        text = rig_toml(self.layout, **serial, cameras=cameras, clock=self._open_control())
+        text = rig_toml(
+            self.layout, self.optics.phone.layout, serial=serial, cameras=cameras, clock=self._open_control()
+        )
         self.rig_toml.write_text(text, encoding="utf-8")
 
     def run(self) -> None:
@@ -90,11 +95,11 @@ class Laboratory:
         line.write, line.unplug = port.write, port.unplug
         self._ports.append(port)
 
-    def _open_camera(self, name: str, index: int, port_number: int) -> str:
+    def _open_camera(self, label: CameraLabel, index: int, port_number: int) -> str:
         """Open a camera's port and tell its address."""
-        layout = self.layout.cameras[name]
-        camera = Camera(layout, Shutter(layout, self.world, self.optics), self.clock.now_s)
-        line = Line(name, self.clock, self.faults, layout.megabytes_per_s * 1e6)
+        make = phone_make(SPEEDS) if label.name == PHONE else MOUNTED
+        camera = Camera(label, Shutter(label, self.world, self.optics), self.clock.now_s, make)
+        line = Line(label.name, self.clock, self.faults, label.megabytes_per_s * 1e6)
         responder = Responder(camera, line)
         address = (f"127.0.0.{index + 1}" if port_number else "127.0.0.1", port_number)
         port = TcpPort(self.loop, address, RANKS["camera"], responder.receive, responder.lost)

@@ -7,7 +7,7 @@ from typing import Protocol
 from simulators.chance import Key
 from simulators.clock import NS_PER_S, Event
 from simulators.faults import Occasion
-from simulators.layout import CameraLayout
+from simulators.layout import CameraLabel
 from simulators.pose import Pose
 from simulators.world import World
 
@@ -22,6 +22,16 @@ class Darkroom(Protocol):
         self, camera: str, pose: Pose, exposure_s: float, *, serial: str, frame_key: Key, time_s: float
     ) -> bytes:
         """A DNG of what the camera sees."""
+        ...
+
+    def photograph_jpeg(
+        self, camera: str, pose: Pose, exposure_s: float, *, serial: str, frame_key: Key, time_s: float
+    ) -> bytes:
+        """A JPEG of it."""
+        ...
+
+    def serial(self, camera: str) -> str:
+        """What is engraved on a camera."""
         ...
 
 
@@ -40,7 +50,8 @@ class Exposure:
 class Release:
     """A press on the button: so many frames, and what to do with them."""
 
-    exposure_ticks: int
+    exposure_s: float
+    jpeg: bool
     frames: int
     interval_s: float
     deliver: Callable[[bytes], None]
@@ -52,7 +63,7 @@ class Release:
 class Shutter:
     """Shutter and sensor of one camera."""
 
-    def __init__(self, camera: CameraLayout, world: World, darkroom: Darkroom) -> None:
+    def __init__(self, camera: CameraLabel, world: World, darkroom: Darkroom) -> None:
         self._camera = camera
         self._world = world
         self._clock = world.clock
@@ -78,10 +89,12 @@ class Shutter:
 
     def _open(self, release: Release, index: int) -> None:
         start_ns, fan_start_rad = self._clock.now_ns(), self._world.fan_rad()
-        length_ns = round(release.exposure_ticks * TICK_S * NS_PER_S)
+        length_ns = round(release.exposure_s * NS_PER_S)
+        ticks = round(release.exposure_s / TICK_S)
+        exposure_key = ticks if round(ticks * TICK_S * NS_PER_S) == length_ns else f"{length_ns} ns"
 
         def middle() -> None:
-            key = self._world.frame_key(self._camera.serial, release.exposure_ticks, index)
+            key = self._world.frame_key(self._camera.serial, exposure_key, index)
             exposure = Exposure(index, start_ns, fan_start_rad, self._world.pose(), key)
             release.due = self._clock.at(start_ns + length_ns, lambda: self._close(release, exposure))
 
@@ -95,7 +108,7 @@ class Shutter:
         release.due = self._clock.after(READOUT_S, lambda: self._read_out(release, exposure, image))
 
     def _develop(self, release: Release, exposure: Exposure, pose: Pose) -> bytes | None:
-        camera, layout = self._camera.name, self._world.layout
+        camera = self._camera.name
         fault = self._world.faults.strike((camera,), Occasion.FRAME, self._clock.now_s())
         match fault.kind if fault else None:
             case "no_frame":
@@ -108,11 +121,12 @@ class Shutter:
                 pose = replace(pose, lamps=(), laser_on=False, laser_sweep=None)
             case "wrong_camera":
                 camera = fault.other if fault else camera
-        self._last = self._darkroom.photograph(
+        develop = self._darkroom.photograph_jpeg if release.jpeg else self._darkroom.photograph
+        self._last = develop(
             camera,
             pose,
-            round(release.exposure_ticks * TICK_S, 4),
-            serial=layout.cameras[camera].serial,
+            release.exposure_s,
+            serial=self._darkroom.serial(camera),
             frame_key=exposure.key,
             time_s=exposure.start_ns / NS_PER_S,
         )

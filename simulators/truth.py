@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from simulators.layout import Array, CameraLayout
+from simulators.layout import PHONE, Array, CameraLayout
 from simulators.lens import project, rays, sample_points, vignette
 from simulators.light import CHANNELS, ELECTRONS_PER_RADIANCE
+from simulators.phone import Phone
 from simulators.pose import Pose
 from simulators.scene import Floats, Hits
 from simulators.scene_figure import FigureScene
@@ -21,6 +22,7 @@ from simulators.scene_sphere import SphereScene
 from simulators.sphere_truth import maps_of
 from simulators.studio import Lamp, Studio
 
+REFLECTS = 0.1  # share of the scene that a reflection hides where it counts as one
 Argument = str | int | list[tuple[str, float]]  # of a kind of truth, as the control port hands it on
 
 
@@ -31,14 +33,19 @@ class Truth:
     and the arguments alone. The mosaic of many exposures is written once.
     """
 
-    def __init__(self, folder: Path, studio: Studio, rate: Callable[[str, Pose], Floats]) -> None:
+    def __init__(self, folder: Path, studio: Studio, rate: Callable[[str, Pose], Floats], phone: Phone) -> None:
         self._folder = folder
         self._studio = studio
         self._rate = rate
+        self._phone = phone
         self._mosaics: set[Path] = set()
 
     def note_frame(self, unique_id: str, camera: str, pose: Pose, *, exposure_s: float, time_s: float) -> None:
-        """Append one exposure to frames.jsonl: with its noise-free mosaic, or its laser planes if the laser shone."""
+        """Append one exposure to frames.jsonl: with its noise-free mosaic, or its laser planes if the laser shone.
+
+        The phone's photographs have neither; see `environment`.
+        """
+        bare = pose.laser_on or camera == PHONE
         line = {
             "id": unique_id,
             "camera": camera,
@@ -52,8 +59,10 @@ class Truth:
             "laser": self._laser(pose),
             "sample": pose.sample,
             "board_pose": pose.board_pose,
+            "place": pose.place,
+            "facing": pose.facing,
             "exposure_s": exposure_s,
-            "radiance": None if pose.laser_on else str(self._mosaic(camera, pose).relative_to(self._folder)),
+            "radiance": None if bare else str(self._mosaic(camera, pose).relative_to(self._folder)),
         }
         self._folder.mkdir(parents=True, exist_ok=True)
         with (self._folder / "frames.jsonl").open("a", encoding="utf-8") as frames:
@@ -62,7 +71,7 @@ class Truth:
     def tell(self, what: str, pose: Pose, **arguments: Argument) -> dict[str, Any]:
         """Write one kind of truth at a pose; returns {"path": ...} and what else the kind's own method names.
 
-        `what`: displacement, points, normals, radiance, cameras, lamps, laser, board, srf, btf, sensor.
+        `what`: displacement, points, normals, radiance, cameras, lamps, laser, board, srf, btf, sensor, environment.
         Raises ValueError for another.
         """
         tellers: dict[str, Callable[..., dict[str, Any]]] = {
@@ -77,6 +86,7 @@ class Truth:
             "srf": self.srf,
             "btf": self.btf,
             "sensor": self.sensor,
+            "environment": self.environment,
         }
         if what not in tellers:
             raise ValueError(f"no truth named {what!r}: one of {', '.join(tellers)}")
@@ -152,6 +162,22 @@ class Truth:
             "dark_path": self._save("sensor-dark", None, camera, unit.dark_e_s),
             "response_path": self._save("sensor-response", None, camera, unit.response),
             "flat_path": self._save("sensor-flat", None, camera, unit.response * vignette(device)),
+        }
+
+    def environment(self, pose: Pose) -> dict[str, Any]:
+        """The light of the place where the phone is held: an equirectangular picture (h, 2 h, 3), see `places`.
+
+        "mask_path": which pixels (h, w) of a photograph the frame's reflections hide. "rig_from_camera" (3, 3) by where
+        the phone looks. "unit" and "unit_raw" (3,): the radiance that is 1 in a JPEG's unit (code 128 within 1 s at f/1
+        and ISO 100) and in that of a raw file (an electron per second).
+        """
+        layout = self._phone.layout
+        return {
+            "path": self._save("environment", None, pose.place, self._phone.place(pose.place)),
+            "mask_path": self._save("reflections", None, PHONE, layout.frame.hidden(layout.lens)[0] > REFLECTS),
+            "rig_from_camera": {name: turn.tolist() for name, turn in layout.rig_from_camera.items()},
+            "unit": self._phone.unit_of_jpeg().tolist(),
+            "unit_raw": self._phone.unit_of_raw().tolist(),
         }
 
     def lamps(self, pose: Pose) -> dict[str, Any]:

@@ -10,12 +10,15 @@ from simulators.clock import Clock
 from simulators.faults import FaultSchedule, Occasion
 from simulators.layout import Layout
 from simulators.motor import LaserMotor
+from simulators.phone import FACINGS
+from simulators.places import PLACES
 from simulators.pose import Pose
 from simulators.stage import Stage
 from simulators.studio import CAP, LIGHTBOX, SCENES
 
 SAMPLES = (*SCENES, CAP, LIGHTBOX)
 FRONT = "front"
+HELD = "room"  # the place where the phone is, unless told
 STOPS = (-0.05, 1.15)  # of the laser's gear train, in sweeps
 
 
@@ -31,6 +34,8 @@ class Mounted:
     board_pose: int = 0
     laser_elevation_deg: float = 35.0
     card: str = FRONT  # the camera that the white card beside a sphere faces
+    place: str = HELD  # where the phone is held
+    facing: str = FACINGS[0]
 
 
 @dataclass
@@ -81,6 +86,10 @@ class World:
             raise MountError(f"no board pose {mounted.board_pose}: they count from 0")
         if mounted.card not in self.layout.cameras:
             raise MountError(f"no camera {mounted.card!r} to face: one of {', '.join(self.layout.cameras)}")
+        if mounted.place not in PLACES:
+            raise MountError(f"no place {mounted.place!r}: one of {', '.join(PLACES)}")
+        if mounted.facing not in FACINGS:
+            raise MountError(f"the phone faces {' or '.join(FACINGS)}, not {mounted.facing!r}")
         allowed = self.layout.laser.elevations_deg
         if mounted.laser_elevation_deg not in allowed:
             raise MountError(f"no laser mounting at {mounted.laser_elevation_deg} deg: one of {allowed}")
@@ -100,6 +109,8 @@ class World:
             laser_on=self.laser.on,
             laser_sweep=None,
             card_elevation_rad=self.layout.cameras[self.mounted.card].elevation_rad,
+            place=self.mounted.place,
+            facing=self.mounted.facing,
         )
 
     def fan_rad(self) -> float:
@@ -122,13 +133,15 @@ class World:
         steps = tuple(stage.steps() for stage in self.stages.values())
         mounting_mdeg = round(1000 * self.mounted.laser_elevation_deg)
         card = () if self.mounted.card == FRONT else (self.mounted.card,)
-        return (*steps, self.mounted.sample, self.mounted.board_pose, mounting_mdeg, *card)
+        held = (self.mounted.place, self.mounted.facing)
+        phone = () if held == (HELD, FACINGS[0]) else held
+        return (*steps, self.mounted.sample, self.mounted.board_pose, mounting_mdeg, *card, *phone)
 
-    def frame_key(self, serial: str, exposure_ticks: int, burst_index: int) -> Key:
+    def frame_key(self, serial: str, exposure: int | str, burst_index: int) -> Key:
         """What a frame's noise belongs to; ends in the number of earlier exposures of which all this is equal."""
         light = tuple(part for name, level in self.lamps.lit() for part in (name, round(255 * level)))
         burst = burst_index if self.laser.on else -1
-        key = (serial, *self.place(), *light, burst, exposure_ticks)
+        key = (serial, *self.place(), *light, burst, exposure)
         self._exposures[key] += 1
         return (*key, self._exposures[key] - 1)
 
@@ -148,4 +161,6 @@ class World:
             "pose": self.mounted.board_pose,
             "laser_elevation_deg": self.mounted.laser_elevation_deg,
             "card": self.mounted.card,
+            "place": self.mounted.place,
+            "facing": self.mounted.facing,
         }

@@ -1,4 +1,4 @@
-"""PTP cameras: seconds above, ticks of 0.1 ms below. Every frame is checked to be of this camera and this exposure."""
+"""PTP cameras: seconds above, properties below. Every frame is checked to be of this camera and this exposure."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -7,15 +7,15 @@ from itertools import pairwise
 from math import ceil
 
 from rig.config import CameraConfig
-from rig.devices import RawFrame
+from rig.devices import FileFormat, RawFrame
 from rig.drivers.clock import RigClock
+from rig.drivers.frame_file import read_facts
 from rig.drivers.ptp_connection import PtpConnection, ResponseError
-from rig.drivers.raw_file import read_facts
+from rig.drivers.shutter import Shutter, TickShutter, shutter_of
 from rig.errors import DeviceError, FrameCheckError, FrameError, LimitError, ReadTimeoutError, StateError
 from rig.protocols import ptp
-from rig.protocols.ptp import CaptureMode, DeviceInfo, Event, Operation, Property, Response
+from rig.protocols.ptp import CaptureMode, DeviceInfo, Event, ObjectFormat, Operation, Property, PropertyDesc, Response
 
-_TICKS_PER_S = 10_000  # PTP counts exposure times in 0.1 ms
 _MS_PER_S = 1000
 _BUSY_POLL_S = 0.1
 _BUSY_MAX_S = 5.0
@@ -32,15 +32,12 @@ _NO_TRANSACTION = (0, 0xFFFFFFFF)
 class _Exposure:
     """Exposures under way."""
 
-    ticks: int
+    exposure_s: float
+    file_format: FileFormat
     frames: int
     interval_s: float
     taken_s: float
     transaction: int
-
-    @property
-    def exposure_s(self) -> float:
-        return self.ticks / _TICKS_PER_S
 
     @property
     def end_s(self) -> float:
@@ -57,7 +54,8 @@ class PtpCamera:
         self._clock = clock
         self._connection = PtpConnection(name, config.address, clock)
         self._properties: dict[Property, int] = {}
-        self._exposure_ticks = (1, 2**32 - 1)
+        self._shutter: Shutter = TickShutter()
+        self._formats: frozenset[int] = frozenset()  # of what it captures
         self._can_terminate = False
         self._foreign: frozenset[int] = frozenset()  # objects that were on the card before us
         self._exposure: _Exposure | None = None
@@ -81,29 +79,39 @@ class PtpCamera:
             self._connection.close()
             raise
 
-    def expose(self, exposure_s: float, *, frames: int = 1, interval_s: float = 0.0) -> None:
+    def expose(
+        self,
+        exposure_s: float,
+        *,
+        frames: int = 1,
+        interval_s: float = 0.0,
+        file_format: FileFormat = FileFormat.RAW,
+    ) -> None:
         """Start one exposure, or a burst with that interval between starts, and return.
 
-        The exposure is rounded to 0.1 ms, the interval to 1 ms and not below the exposure, which the frames' times take
-        into account. Raises
-        LimitError before anything is exposed, StateError where the frames before were not fetched.
+        The exposure is rounded to 0.1 ms or is one of the camera's shutter speeds, the interval is rounded to 1 ms and
+        not below the exposure, which the frames' times take into account. Raises LimitError before anything is exposed,
+        StateError where the frames before were not fetched.
         """
-        ticks, interval_ms = self._settings(exposure_s, frames, interval_s)
+        value, interval_ms = self._settings(exposure_s, frames, interval_s)
+        format_code = self._format_code(file_format)
         if self._exposure is not None:
             raise StateError(f"{self._name}: exposures are under way; fetch or abort them before the next.")
         if not self._connection.is_open:
             self.open()
         self._tidy()
-        self._set(Property.EXPOSURE_TIME, ticks)
+        self._set(self._shutter.code, value)
         self._set(Property.STILL_CAPTURE_MODE, CaptureMode.BURST if frames > 1 else CaptureMode.NORMAL)
         if frames > 1:
             self._set(Property.BURST_NUMBER, frames)
             self._set(Property.BURST_INTERVAL, interval_ms)
         self._connection.events()
         self._littered = True
-        self._patiently(Operation.INITIATE_CAPTURE, 0, 0)
+        self._patiently(Operation.INITIATE_CAPTURE, 0, format_code)
         taken_s, transaction = self._clock.now_s(), self._connection.last_transaction
-        self._exposure = _Exposure(ticks, frames, interval_ms / _MS_PER_S, taken_s, transaction)
+        self._exposure = _Exposure(
+            self._shutter.seconds(value), file_format, frames, interval_ms / _MS_PER_S, taken_s, transaction
+        )
 
     def fetch(self) -> Sequence[RawFrame]:
         """Wait for the exposures started last and download their frames, in order.
@@ -145,30 +153,33 @@ class PtpCamera:
             )
         self._properties = {}
         self._can_terminate = Operation.TERMINATE_OPEN_CAPTURE in info.operations
-        self._exposure_ticks = self._exposure_range()
+        self._formats = frozenset(info.capture_formats)
+        self._shutter = shutter_of(info, self._describe)
         self._foreign = frozenset(self._objects())
 
     def _settings(self, exposure_s: float, frames: int, interval_s: float) -> tuple[int, int]:
-        """Ticks and milliseconds. Raises LimitError."""
-        low, high = self._exposure_ticks
-        if not low - 0.5 <= exposure_s * _TICKS_PER_S <= high + 0.5 or round(exposure_s * _TICKS_PER_S) < 1:
-            raise LimitError(
-                f"{self._name}: an exposure of {exposure_s:g} s is outside {low / _TICKS_PER_S:g} to "
-                f"{high / _TICKS_PER_S:g} s; nothing was exposed."
-            )
+        """The shutter's value and milliseconds. Raises LimitError."""
+        value = self._shutter.value(self._name, exposure_s)
         if not 1 <= frames <= _COUNT_MAX or (frames > 1 and not exposure_s <= interval_s <= _COUNT_MAX / _MS_PER_S):
             raise LimitError(
                 f"{self._name}: {frames} frames every {interval_s:g} s of {exposure_s:g} s each cannot be: 1 to 65535 "
                 "frames, an interval of at least the exposure and at most 65.5 s; nothing was exposed."
             )
-        return round(exposure_s * _TICKS_PER_S), max(round(interval_s * _MS_PER_S), ceil(exposure_s * _MS_PER_S))
+        return value, max(round(interval_s * _MS_PER_S), ceil(exposure_s * _MS_PER_S))
 
-    def _exposure_range(self) -> tuple[int, int]:
-        data = self._connection.transact(Operation.GET_PROPERTY_DESC, Property.EXPOSURE_TIME)
-        desc = ptp.decode_property_desc(data)
-        if desc.range is not None:
-            return desc.range[:2]
-        return (min(desc.values), max(desc.values)) if desc.values else (1, 2**32 - 1)
+    def _format_code(self, file_format: FileFormat) -> ObjectFormat:
+        """What to ask for; a camera without JPEG is not told, as its raw files may have a format of their own.
+
+        Raises LimitError.
+        """
+        if ObjectFormat.JPEG in self._formats:
+            return ObjectFormat.JPEG if file_format is FileFormat.JPEG else ObjectFormat.DNG
+        if file_format is FileFormat.JPEG:
+            raise LimitError(f"{self._name}: delivers no JPEG; nothing was exposed.")
+        return ObjectFormat.ANY
+
+    def _describe(self, code: Property) -> PropertyDesc:
+        return ptp.decode_property_desc(self._connection.transact(Operation.GET_PROPERTY_DESC, code))
 
     def _set(self, code: Property, value: int) -> None:
         """Set a property that has another value, or one that is not known yet."""
@@ -247,15 +258,21 @@ class PtpCamera:
                 f"{self._name}: expected serial {self._config.serial}, frame carries {facts.serial}: the cable is in "
                 "another port. The step will have to be taken again."
             )
+        if facts.file_format is not exposure.file_format:
+            raise FrameCheckError(
+                f"{self._name}: asked for .{exposure.file_format}, a .{facts.file_format} came: the camera's own "
+                "setting is in the way. The step will have to be taken again."
+            )
         if abs(facts.exposure_s - exposure.exposure_s) > max(
-            _EXPOSURE_TOLERANCE * exposure.exposure_s, 0.5 / _TICKS_PER_S
+            _EXPOSURE_TOLERANCE * exposure.exposure_s, self._shutter.rounding_s
         ):
             raise FrameCheckError(
                 f"{self._name}: asked for {exposure.exposure_s:g} s, frame carries {facts.exposure_s:g} s: the shutter "
                 "or the camera's own dial is in the way. The step will have to be taken again."
             )
         taken_s = exposure.taken_s + index * exposure.interval_s
-        return RawFrame(self._name, facts.serial, data, facts.exposure_s, index, taken_s), facts.stamp_s
+        frame = RawFrame(self._name, facts.serial, data, facts.exposure_s, index, taken_s, facts.iso, facts.file_format)
+        return frame, facts.stamp_s
 
     def _objects(self) -> tuple[int, ...]:
         return ptp.decode_u32_array(self._connection.transact(Operation.GET_OBJECT_HANDLES, ptp.ANY, 0, ptp.ANY))

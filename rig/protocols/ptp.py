@@ -53,8 +53,20 @@ class Event(IntEnum):
     CAPTURE_COMPLETE = 0x400D
 
 
+class ObjectFormat(IntEnum):
+    """Formats of stored objects (ISO 15740, "Object formats"; DNG of PTP 1.1)."""
+
+    ANY = 0
+    JPEG = 0x3801  # with EXIF
+    DNG = 0x3811
+
+
 class Property(IntEnum):
-    """Device properties: f-number in 0.01, exposure time in 0.1 ms, burst interval in ms."""
+    """Device properties: f-number in 0.01, exposure time in 0.1 ms, burst interval in ms.
+
+    SHUTTER_SPEED is an extension of Ricoh's for times that 0.1 ms is too coarse for: seconds as `decode_speed` has them
+    (Ricoh Theta API reference, 0xD00F ShutterSpeed).
+    """
 
     F_NUMBER = 0x5007
     EXPOSURE_TIME = 0x500D
@@ -62,6 +74,7 @@ class Property(IntEnum):
     STILL_CAPTURE_MODE = 0x5013
     BURST_NUMBER = 0x5018
     BURST_INTERVAL = 0x5019
+    SHUTTER_SPEED = 0xD00F
 
 
 class CaptureMode(IntEnum):
@@ -71,6 +84,7 @@ class CaptureMode(IntEnum):
     BURST = 2
 
 
+MTP_EXTENSION = 6  # vendor extension id of cameras that speak MTP, Ricoh's among them
 ANY = 0xFFFFFFFF  # all storages, or objects at any place of the store
 SCALARS = {1: "b", 2: "B", 3: "h", 4: "H", 5: "i", 6: "I", 7: "q", 8: "Q"}
 """Data type codes of numbers, with the letter of struct."""
@@ -81,6 +95,7 @@ PROPERTY_TYPES = {
     Property.STILL_CAPTURE_MODE: 4,
     Property.BURST_NUMBER: 4,
     Property.BURST_INTERVAL: 4,
+    Property.SHUTTER_SPEED: 8,
 }
 _FORM_RANGE = 1
 _FORM_ENUMERATION = 2
@@ -157,6 +172,16 @@ def decode_value(data_type: int, data: bytes) -> int:
     value = fields.scalar(data_type)
     fields.end("property value")
     return value
+
+
+def encode_speed(numerator: int, denominator: int) -> int:
+    """A shutter speed as the value of its property: the numerator in the lower 32 bits, the denominator above."""
+    return denominator << 32 | numerator
+
+
+def decode_speed(value: int) -> tuple[int, int]:
+    """Numerator and denominator of a shutter speed; (0, 0) where the camera chooses it itself."""
+    return value & 0xFFFFFFFF, value >> 32
 
 
 def encode_u32_array(values: tuple[int, ...]) -> bytes:

@@ -7,6 +7,7 @@ from rig.sessions.plan import (
     BtfPlan,
     CalibratePlan,
     Card,
+    EnvironmentPlan,
     LampsPlan,
     MdfPlan,
     Plan,
@@ -26,8 +27,8 @@ from rig.sessions.states import ACTIVE, TRANSITIONS, Action, State, allowed
 from rig.sessions.step import Step, describe
 
 __all__ = [
-    "ACTIVE", "CAP", "LIGHT_BOX", "TRANSITIONS", "Action", "BtfPlan", "CalibratePlan", "Card", "Event", "Forecast",
-    "FrameRecord", "JournalEvent", "LampsPlan", "MdfPlan", "Operator", "Plan", "RunReport", "Runner", "Schedule",
-    "SensorPlan", "Session", "Skip", "SrfPlan", "State", "Step", "allowed", "describe", "expand", "forecast",
-    "hold_rig", "load_plan", "parse_plan", "plan_data", "plan_schema", "plan_sha256", "schedule",
+    "ACTIVE", "CAP", "LIGHT_BOX", "TRANSITIONS", "Action", "BtfPlan", "CalibratePlan", "Card", "EnvironmentPlan",
+    "Event", "Forecast", "FrameRecord", "JournalEvent", "LampsPlan", "MdfPlan", "Operator", "Plan", "RunReport",
+    "Runner", "Schedule", "SensorPlan", "Session", "Skip", "SrfPlan", "State", "Step", "allowed", "describe", "expand",
+    "forecast", "hold_rig", "load_plan", "parse_plan", "plan_data", "plan_schema", "plan_sha256", "schedule",
 ]  # fmt: skip

@@ -3,16 +3,17 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.config import RigConfig
-from rig.devices import RawFrame
+from rig.devices import FileFormat, RawFrame
 from rig.errors import FrameCheckError
-from rig.sessions.mosaic import Mosaic, decode, noise_profile
-from rig.sessions.plan import EXPOSURE_STEP_S
+from rig.sessions.mosaic import Mosaic, decode, decode_jpeg, noise_profile
+from rig.sessions.plan import EXPOSURE_STEP_S, in_steps_s
 from rig.sessions.step import Step
 
 EXPOSURE_TOLERANCE = 0.02  # relative: cameras round their shutter times; a bracket's neighbour differs by far more
@@ -25,7 +26,10 @@ _ASSUMED_READ_NOISE = 0.001  # of the range, where the file does not tell
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """What one camera delivered for one step: its file, or its burst decoded as (time, row, column) with attributes."""
+    """What one camera delivered for one step: its file, or its burst decoded as (time, row, column) with attributes.
+
+    `file_format` is that of the file.
+    """
 
     camera: str
     exposure_s: float
@@ -34,6 +38,7 @@ class Shot:
     data: bytes | None
     burst: NDArray[np.uint16] | None
     attributes: Mapping[str, Any]
+    file_format: FileFormat = FileFormat.RAW
 
     @property
     def frames(self) -> int:
@@ -48,6 +53,7 @@ class FrameChecks:
         self._config = config
         self._last: dict[str, bytes] = {}
         self._longest: dict[object, float] = {}
+        self._iso: dict[str, float] = {}
         for step in steps:
             self._longest[_light(step)] = max(step.exposure_s, self._longest.get(_light(step), 0.0))
 
@@ -59,14 +65,17 @@ class FrameChecks:
         name; a board held by hand may show a camera its dark side).
         """
         self._check_labels(step, camera, frames)
-        mosaics = [decode(frame.data, camera) for frame in frames]
+        decoded = decode if step.file_format is FileFormat.RAW else decode_jpeg
+        mosaics = [decoded(frame.data, camera) for frame in frames]
         self._check_fresh(camera, mosaics)
-        profile = noise_profile(frames[0].data)
-        warnings = self._check_levels(step, camera, mosaics, profile)
+        profile = noise_profile(frames[0].data) if step.file_format is FileFormat.RAW else None
+        warnings = self._check_iso(camera, frames) + self._check_levels(step, camera, mosaics, profile)
         transferred = sum(len(frame.data) for frame in frames)
         exposure_s, taken_s = frames[0].exposure_s, frames[0].taken_s
         if not step.sweep:
-            return Shot(camera, exposure_s, taken_s, transferred, frames[0].data, None, {}), warnings
+            data = frames[0].data
+            return Shot(camera, exposure_s, taken_s, transferred, data, None, {}, step.file_format), warnings
+        assert mosaics[0].cfa is not None, "sweeps are raw"
         attributes = {
             "exposure_s": exposure_s, "interval_s": _interval_s(frames), "serial": frames[0].serial, "taken_s": taken_s,
             "times_s": [frame.taken_s - taken_s for frame in frames],
@@ -80,7 +89,8 @@ class FrameChecks:
         if len(frames) != step.frames:
             raise FrameCheckError(f"{camera}: {len(frames)} frames came, {step.frames} were asked for.")
         expected = self._config.cameras[camera].serial
-        tolerance_s = EXPOSURE_TOLERANCE * step.exposure_s + EXPOSURE_STEP_S / 2
+        counted = step.exposure_s == in_steps_s(step.exposure_s)  # else a shutter speed, which is taken as it is
+        tolerance_s = EXPOSURE_TOLERANCE * step.exposure_s + (EXPOSURE_STEP_S / 2 if counted else 0.0)
         for frame in frames:
             if frame.serial != expected:
                 raise FrameCheckError(
@@ -88,8 +98,19 @@ class FrameChecks:
                 )
             if abs(frame.exposure_s - step.exposure_s) > tolerance_s:
                 raise FrameCheckError(
-                    f"{camera}: exposed for {frame.exposure_s:.4f} s where {step.exposure_s:.4f} s were asked for."
+                    f"{camera}: exposed for {frame.exposure_s:.6g} s where {step.exposure_s:.6g} s were asked for."
                 )
+            if frame.file_format is not step.file_format:
+                raise FrameCheckError(
+                    f"{camera}: a .{frame.file_format} came where a .{step.file_format} was asked for."
+                )
+
+    def _check_iso(self, camera: str, frames: Sequence[RawFrame]) -> list[str]:
+        """A camera that chooses the ISO itself changes its noise, and maybe its tone curve, within a bracket."""
+        before, now = self._iso.get(camera, nan), frames[-1].iso
+        self._iso[camera] = now
+        changed = isfinite(before) and isfinite(now) and before != now
+        return [f"{camera}: ISO {now:g} after {before:g}: set the ISO by hand."] if changed else []
 
     def _check_fresh(self, camera: str, mosaics: Sequence[Mosaic]) -> None:
         if len({mosaic.raw_dn.shape for mosaic in mosaics}) > 1:

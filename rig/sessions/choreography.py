@@ -93,7 +93,9 @@ class Choreography:
         if step.sweep:
             self._laser().start_sweep()
         for name in step.cameras:
-            self._rig.cameras[name].expose(step.exposure_s, frames=step.frames, interval_s=step.interval_s)
+            self._rig.cameras[name].expose(
+                step.exposure_s, frames=step.frames, interval_s=step.interval_s, file_format=step.file_format
+            )
 
     def see_out(self, step: Step, next_step: Step | None) -> None:
         """Let the exposures pass, and then what is to change does: the laser's sweep ends, axes leave.

@@ -1,4 +1,4 @@
-"""What the session engine must know of a raw file: its counts and its sensor's levels."""
+"""What the session engine must know of a camera's file: its counts and their levels."""
 
 import io
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ import exifread
 import numpy as np
 import rawpy
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 
 from rig.errors import FrameCheckError
 
@@ -15,12 +16,15 @@ _NOISE_PROFILE = "0xC761"  # DNG specification 1.7, tag NoiseProfile
 
 @dataclass(frozen=True, slots=True)
 class Mosaic:
-    """One decoded frame: `raw_dn` (h, w) uint16, `cfa` (2, 2) with 0 red, 1 green, 2 blue."""
+    """One decoded frame: `raw_dn` (h, w) uint16, `cfa` (2, 2) with 0 red, 1 green, 2 blue.
+
+    Of a JPEG the counts are its luma codes, and there is no `cfa`.
+    """
 
     raw_dn: NDArray[np.uint16]
     black_dn: float
     white_dn: float
-    cfa: tuple[tuple[int, ...], ...]
+    cfa: tuple[tuple[int, ...], ...] | None
 
 
 def decode(data: bytes, camera: str) -> Mosaic:
@@ -35,6 +39,16 @@ def decode(data: bytes, camera: str) -> Mosaic:
             )
     except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError) as error:
         raise FrameCheckError(f"{camera}: {len(data)} bytes came that are not a whole raw image ({error}).") from error
+
+
+def decode_jpeg(data: bytes, camera: str) -> Mosaic:
+    """Decode a camera's JPEG. Raises FrameCheckError where it is truncated or not one."""
+    try:
+        with Image.open(io.BytesIO(data), formats=("JPEG",)) as picture:
+            luma = np.asarray(picture.convert("L"), np.uint16)
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise FrameCheckError(f"{camera}: {len(data)} bytes came that are not a whole JPEG ({error}).") from error
+    return Mosaic(luma, 0.0, 255.0, None)
 
 
 def noise_profile(data: bytes) -> tuple[float, ...] | None:

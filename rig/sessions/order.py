@@ -8,6 +8,7 @@ from rig.sessions.forecast import motion_time_s, reference_rad
 from rig.sessions.step import Step
 
 Pose = tuple[tuple[str, float], ...]
+FACINGS = ("front", "back")  # where a camera in the hand looks, in the order in which it is asked to
 
 
 def ordered(steps: Sequence[Step], config: RigConfig) -> tuple[Step, ...]:
@@ -32,10 +33,10 @@ def _by_light(step: Step, rank: Mapping[str, int]) -> tuple[list[int], float]:
     return [rank[lamp] for lamp in step.lamps], -step.exposure_s if step.lamps else 0.0
 
 
-def _mounting(step: Step) -> tuple[str, float, float]:
+def _mounting(step: Step) -> tuple[str, float, float, bool]:
     mount = step.mount or {}
     sample, pose, elevation_deg = (mount.get(key, 0) for key in ("sample", "pose", "laser_elevation_deg"))
-    return str(sample), float(elevation_deg), float(pose)
+    return str(sample), float(elevation_deg), float(pose), mount.get("facing", FACINGS[0]) != FACINGS[0]
 
 
 def _shortest_tour(poses: list[Pose], start_rad: Mapping[str, float], config: RigConfig) -> list[Pose]:

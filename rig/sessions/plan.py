@@ -7,6 +7,7 @@ one is never ignored.
 import hashlib
 import json
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -29,6 +30,8 @@ from rig.errors import PlanError
 
 ANGLE_STEP_DEG = 0.01  # finest difference of two angles in a plan: one step of the coarsest axis
 EXPOSURE_STEP_S = 1e-4  # unit of PTP's exposure time (ISO 15740, property 0x500D)
+SHORTEST_S = 1 / 64_000  # of a shutter that is told its speed
+APART = 1.2  # least ratio of two exposures of such a shutter
 
 
 def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -50,6 +53,12 @@ def _distinct_exposures(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
+def _distinct_speeds(values: tuple[float, ...]) -> tuple[float, ...]:
+    if any(longer < APART * shorter for shorter, longer in pairwise(sorted(values))):
+        raise ValueError(f"two exposures differ by less than a factor of {APART}")
+    return values
+
+
 def _form(angles: object) -> str:
     """Whether angles are one list or a list of lists, so that an error speaks of the form that was meant."""
     nested = isinstance(angles, (list, tuple)) and any(isinstance(item, (list, tuple)) for item in angles)
@@ -65,6 +74,8 @@ Exposure = Annotated[float, Field(strict=True, ge=EXPOSURE_STEP_S, le=600)]
 Angles = Annotated[tuple[Degrees, ...], Field(min_length=1, max_length=10_000), AfterValidator(_distinct_angles)]
 OptionalAngles = Annotated[tuple[Degrees, ...], Field(max_length=10_000), AfterValidator(_distinct_angles)]
 Exposures = Annotated[tuple[Exposure, ...], Field(min_length=1, max_length=50), AfterValidator(_distinct_exposures)]
+Speed = Annotated[float, Field(strict=True, ge=SHORTEST_S, le=600)]
+Bracket = Annotated[tuple[Speed, ...], Field(min_length=3, max_length=50), AfterValidator(_distinct_speeds)]
 Names = Annotated[tuple[Name, ...], Field(min_length=1, max_length=512), AfterValidator(_distinct)]
 Lists = Annotated[tuple[Angles, ...], Field(min_length=1, max_length=100)]
 AnglesOrLists = Annotated[Annotated[Angles, Tag(FORMS[0])] | Annotated[Lists, Tag(FORMS[1])], Discriminator(_form)]
@@ -262,8 +273,23 @@ class LampsPlan(_Model):
         return self
 
 
-Plan = SrfPlan | BtfPlan | MdfPlan | CalibratePlan | SensorPlan | LampsPlan
-KINDS = ("srf", "btf", "mdf", "calibrate", "sensor", "lamps")
+class EnvironmentPlan(_Model):
+    """The light of a place: a camera with a fish-eye, in the hand, photographs it front and back, each as a bracket.
+
+    `azimuth_deg` is where the front looks, from +X toward +Y. `texels` are along the side of a cubemap's face.
+    """
+
+    kind: Literal["environment"]
+    place: Name
+    camera: Name = "phone"
+    exposures_s: Bracket
+    files: Literal["jpeg", "raw"] = "jpeg"
+    azimuth_deg: Degrees = 0.0
+    texels: Texels = 128
+
+
+Plan = SrfPlan | BtfPlan | MdfPlan | CalibratePlan | SensorPlan | LampsPlan | EnvironmentPlan
+KINDS = ("srf", "btf", "mdf", "calibrate", "sensor", "lamps", "environment")
 _PLAN: TypeAdapter[Plan] = TypeAdapter(Annotated[Plan, Field(discriminator="kind")])
 
 

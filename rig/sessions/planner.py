@@ -2,14 +2,25 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 from rig.config import LampConfig, LaserConfig, RigConfig
+from rig.devices import FileFormat
 from rig.errors import InterlockError, PlanError, UnknownDeviceError
 from rig.sessions.exposure import longest_s, with_tests
-from rig.sessions.order import ordered
-from rig.sessions.plan import BtfPlan, CalibratePlan, LampsPlan, MdfPlan, Plan, SensorPlan, SrfPlan, in_steps_s
+from rig.sessions.order import FACINGS, ordered
+from rig.sessions.plan import (
+    BtfPlan,
+    CalibratePlan,
+    EnvironmentPlan,
+    LampsPlan,
+    MdfPlan,
+    Plan,
+    SensorPlan,
+    SrfPlan,
+    in_steps_s,
+)
 from rig.sessions.reach import reachable_deg, standby_deg
 from rig.sessions.step import Mount, Step, step_id, to_rad
 
@@ -60,6 +71,8 @@ def schedule(plan: Plan, config: RigConfig) -> Schedule:
             steps = list(_sensor(plan, layout))
         case LampsPlan():
             steps = list(_lamps(plan, layout))
+        case EnvironmentPlan():
+            steps = list(_environment(plan, layout))
     skipped = tuple(sorted(set(layout.skipped), key=lambda skip: (skip.what, skip.reason)))
     _check_identity(steps, skipped)
     taken = ordered(steps, config)
@@ -101,6 +114,8 @@ class _Layout:
         wanted = set(names)
         for name in sorted(wanted):
             _known("camera", name, self.config.cameras)
+            if self.config.cameras[name].mount == "hand":
+                raise PlanError(f"camera {name} is held by hand: it serves plans of kind environment alone.")
         chosen = [name for name in self.config.cameras if name in wanted]
         for name in list(chosen):
             elevation_deg = self.config.cameras[name].elevation_deg
@@ -108,6 +123,13 @@ class _Layout:
                 chosen.remove(name)
                 self.skip(f"camera {name}", f"at {elevation_deg:g} deg it does not see the upper side of a flat sample")
         return tuple(chosen)
+
+    def held_camera(self, name: str) -> str:
+        """Raises UnknownDeviceError, or PlanError for a camera that is mounted."""
+        _known("camera", name, self.config.cameras)
+        if self.config.cameras[name].mount != "hand":
+            raise PlanError(f"field camera: {name} is mounted; a place is photographed by a camera in the hand.")
+        return name
 
     def skip(self, what: str, reason: str) -> None:
         """Note what is left out."""
@@ -202,7 +224,7 @@ def _sensor(plan: SensorPlan, layout: _Layout) -> Iterator[Step]:
     for before_lens, exposures_s in ((CAP, plan.dark_exposures_s), (LIGHT_BOX, plan.flat_exposures_s)):
         pose = _Pose({"sample": before_lens}, axes_deg, (), cameras)
         for repeat in range(plan.repeats):
-            yield from pose.unlit(f"{before_lens}{repeat:02d}", sorted(exposures_s, reverse=True))
+            yield from pose.unlit(f"{before_lens}{repeat:02d}", map(in_steps_s, sorted(exposures_s, reverse=True)))
 
 
 def _lamps(plan: LampsPlan, layout: _Layout) -> Iterator[Step]:
@@ -229,6 +251,16 @@ def _reference_samples(plan: LampsPlan, lamp: str, layout: _Layout) -> dict[str,
     return samples
 
 
+def _environment(plan: EnvironmentPlan, layout: _Layout) -> Iterator[Step]:
+    """Front and back, from the longest exposure to the shortest; the rig stands by, dark."""
+    cameras, axes_deg = (layout.held_camera(plan.camera),), layout.axes_deg({})
+    file_format = FileFormat.JPEG if plan.files == "jpeg" else FileFormat.RAW
+    for facing in FACINGS:
+        pose = _Pose({"place": plan.place, "facing": facing}, axes_deg, (), cameras)
+        for step in pose.unlit(facing, sorted(plan.exposures_s, reverse=True)):
+            yield replace(step, file_format=file_format)
+
+
 @dataclass(frozen=True, slots=True)
 class _Pose:
     """What stays the same while lamps and exposures change; `named` are the axes that the plan speaks of."""
@@ -246,7 +278,7 @@ class _Pose:
             )
 
     def unlit(self, name: str, exposures_s: Iterable[float]) -> Iterator[Step]:
-        for exposure_s in map(in_steps_s, exposures_s):
+        for exposure_s in exposures_s:
             yield Step(self._id(name, exposure_s), self._axes_rad(), (), exposure_s, self.cameras, mount=self.mount)
 
     def sweep(self, exposure_s: float | None, frames: int, interval_s: float) -> Step:

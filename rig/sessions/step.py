@@ -2,8 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from math import degrees, radians
+from math import degrees, isclose, radians
 from typing import Any
+
+from rig.devices import FileFormat
 
 _SHORT = {"turntable": "tt", "light_arc": "arc", "arm": "arm"}
 Mount = Mapping[str, str | int | float]
@@ -29,6 +31,7 @@ class Step:
     sweep: bool = False
     mount: Mount | None = None
     test: bool = False
+    file_format: FileFormat = FileFormat.RAW
 
     @property
     def pose(self) -> tuple[tuple[str, float], ...]:
@@ -49,7 +52,7 @@ def step_data(step: Step) -> dict[str, Any]:
 def read_step(data: Mapping[str, Any]) -> Step:
     """A step from `step_data`. Raises KeyError or TypeError where the data is not one."""
     lists = {"lamps": tuple(data["lamps"]), "cameras": tuple(data["cameras"])}
-    return Step(**{**data, **lists})
+    return Step(**{**data, **lists, "file_format": FileFormat(data.get("file_format", FileFormat.RAW))})
 
 
 def step_id(mount: Mount, axes_deg: Mapping[str, float], light: str, exposure_s: float | None) -> str:
@@ -58,7 +61,12 @@ def step_id(mount: Mount, axes_deg: Mapping[str, float], light: str, exposure_s:
     if "laser_elevation_deg" in mount:
         parts.append(f"el{mount['laser_elevation_deg']:05.2f}")
     parts += [f"{_SHORT.get(name, name)}{_signed(angle)}" for name, angle in axes_deg.items()]
-    return "_".join([*parts, light, *([] if exposure_s is None else [f"{exposure_s:.4f}s"])])
+    return "_".join([*parts, light, *([] if exposure_s is None else [_seconds(exposure_s)])])
+
+
+def _seconds(exposure_s: float) -> str:
+    """Down to 0.1 ms, which is PTP's unit, or to a microsecond where the exposure is no multiple of it."""
+    return f"{exposure_s:.{4 if isclose(exposure_s, round(exposure_s, 4), rel_tol=1e-9) else 6}f}s"
 
 
 def _signed(angle_deg: float) -> str:
@@ -77,4 +85,5 @@ def describe(step: Step) -> str:
     light = sweep if step.sweep else " + ".join(step.lamps) or "dark"
     frames = f"{step.frames} x " if step.frames > 1 else ""
     mounted = " ".join(f"{key}={value}" for key, value in (step.mount or {}).items())
-    return f"{step.id}: [{mounted}] {angles}; {light}; {frames}{step.exposure_s:.4f} s; {', '.join(step.cameras)}"
+    exposure = f"{frames}{_seconds(step.exposure_s)[:-1]} s"
+    return f"{step.id}: [{mounted}] {angles}; {light}; {exposure}; {', '.join(step.cameras)}"

@@ -81,7 +81,7 @@ class Writer:
 
     def _write(self, capture: Capture, shot: Shot) -> None:
         step = capture.step
-        relative = Path("frames", step.id, f"{shot.camera}.{'dng' if shot.burst is None else 'zarr'}")
+        relative = Path("frames", step.id, f"{shot.camera}.{shot.file_format if shot.burst is None else 'zarr'}")
         if shot.burst is None:
             stored = store.write_file(self._folder / relative, shot.data or b"")
         else:

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rig.errors import StateError
-from rig.sessions import BtfPlan, CalibratePlan, LampsPlan, MdfPlan, SensorPlan, Session, SrfPlan
+from rig.sessions import BtfPlan, CalibratePlan, EnvironmentPlan, LampsPlan, MdfPlan, SensorPlan, Session, SrfPlan
 from service.pipeline.btf import make_btf
 from service.pipeline.calibration import make_calibration
 from service.pipeline.calibrations import load_calibrations
+from service.pipeline.environment import make_environment
 from service.pipeline.inputs import Progress
 from service.pipeline.lamps import make_lamps
 from service.pipeline.mdf import make_mdf
@@ -48,3 +49,5 @@ def process(
             return make_sensors(session, progress)
         case LampsPlan():
             return [make_lamps(session, calibrations, progress)]
+        case EnvironmentPlan():
+            return [make_environment(session, progress)]

@@ -4,6 +4,7 @@ import socket
 
 import pytest
 import rawpy
+from PIL import Image
 
 
 @pytest.fixture
@@ -61,3 +62,13 @@ def test_cameras_answer_at_one_port_of_their_own_addresses(start_simulators, com
         assert rig.camera_address(name) == f"{host}:{port}"
         summary = command("gphoto2", "--port", f"ptpip:{host}:{port}:{port}", "--summary")
         assert f"Serial Number: {serial}" in summary.stdout
+
+
+def test_the_phone_takes_a_jpeg_that_says_who_took_it(gphoto2, live_rig, tmp_path):
+    live_rig.control("mount", place="room", facing="front")
+    captured = gphoto2("phone", "--capture-image-and-download", "--filename", "shot.jpg")
+    assert captured.returncode == 0, captured.stderr
+    with Image.open(tmp_path / "shot.jpg") as picture:
+        assert picture.size == (300, 260)
+        assert picture.getexif().get_ifd(0x8769)[0xA431] == "PH-0001"
+    assert "Serial Number: PH-0001" in gphoto2("phone", "--summary").stdout

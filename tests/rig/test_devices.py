@@ -11,7 +11,7 @@ ORDERS = {
     "lamps off": "lamps",
     "laser stop": "laser",
     **{f"stop {name}": name for name in ("arm", "light_arc", "turntable")},
-    **{f"abort {name}": name for name in ("cam0", "cam1", "front")},
+    **{f"abort {name}": name for name in ("cam0", "cam1", "front", "phone")},
 }
 
 

@@ -77,6 +77,9 @@ class CameraPeer:
         self.frame = lambda index, ticks: dng(exposure_ticks=ticks)
         self.strikes = []
         self.response_bytes = 14
+        self.speeds = ()  # numerators and denominators, of a camera of Ricoh's
+        self.formats = (0x3811,)
+        self.asked = []  # formats
         self._handle = 0
         self.ponged = threading.Event()
         self._event_connection = None
@@ -144,7 +147,11 @@ class CameraPeer:
         if code == 0x100B:
             del self.objects[parameters[0]]
         if code == 0x100E:
+            self.asked.append(parameters[1])
             self.capture(transaction)
+        if code == 0x1014 and parameters == (0xD00F,):
+            values = [bottom << 32 | top for top, bottom in self.speeds]
+            return struct.pack(f"<HHBQQBH{len(values)}Q", 0xD00F, 8, 1, 0, 0, 2, len(values), *values)
         if code == 0x1014:
             assert parameters == (0x500D,)
             return struct.pack("<HHBIIBIII", 0x500D, 6, 1, 333, self.properties[0x500D], 1, 1, 600_000, 1)
@@ -155,8 +162,9 @@ class CameraPeer:
 
     def device_info(self):
         operations = [0x1001, 0x1002, 0x1007, 0x1009, 0x100B, 0x100E, 0x1014, 0x1016, *([0x1018] * self.terminates)]
-        head = struct.pack("<HIH", 100, 0, 0) + string("") + struct.pack("<H", 0)
-        lists = codes(*operations) + codes(0x4002, 0x400D) + codes(0x500D) + codes(0x3811) + codes(0x3811)
+        head = struct.pack("<HIH", 100, 6 if self.speeds else 0, 0) + string("") + struct.pack("<H", 0)
+        properties = codes(0xD00F if self.speeds else 0x500D)
+        lists = codes(*operations) + codes(0x4002, 0x400D) + properties + codes(*self.formats) + codes(*self.formats)
         return head + lists + string("Virtual") + string("VC") + string("1.0") + string(self.serial)
 
     def capture(self, transaction):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from rig.config import CameraConfig
+from rig.devices import FileFormat
 from rig.drivers.camera import PtpCamera
-from rig.drivers.raw_file import read_facts
+from rig.drivers.frame_file import read_facts
 from rig.errors import (
     ConnectError,
     DeviceError,
@@ -17,6 +18,7 @@ from rig.errors import (
     StateError,
     TransportError,
 )
+from tests.reference.jpeg import jpeg
 from tests.rig.drivers.ptp_peer import CameraPeer, dng
 
 GET_HANDLES, GET_OBJECT, DELETE, CAPTURE, SET, TERMINATE = 0x1007, 0x1009, 0x100B, 0x100E, 0x1016, 0x1018
@@ -346,6 +348,87 @@ def test_a_refusal_is_told_with_code_and_bytes(camera, script):
 def test_facts_are_read_from_the_files_own_tags():
     facts = read_facts("cam0", dng(serial="DS-0001", exposure_ticks=50_000))
     assert (facts.serial, facts.exposure_s) == ("DS-0001", 5.0)
+
+
+PICTURE = np.arange(48 * 64).reshape(48, 64) % 251
+SPEEDS = ((0, 0), (1, 32_000), (1, 8000), (1, 2))  # the first is the camera's own choice
+
+
+@pytest.fixture
+def phone(wire, clock, script):
+    """A camera of Ricoh's, which is told shutter speeds and has JPEG and DNG."""
+    script.speeds, script.formats = SPEEDS, (0x3801, 0x3811)
+    script.frame = lambda index, ticks: jpeg(PICTURE, serial="VC-0000", exposure_s=1 / 32_000)
+    camera = driver(wire, clock)
+    camera.open()
+    yield camera
+    camera.close()
+
+
+def test_a_shutter_speed_is_told_as_the_camera_lists_it(phone, script):
+    """1/32000 s, which tenths of a millisecond are too coarse for."""
+    phone.expose(3.1e-5, file_format=FileFormat.JPEG)
+    (frame,) = phone.fetch()
+    assert (frame.exposure_s, frame.iso, frame.file_format) == (1 / 32_000, 100, FileFormat.JPEG)
+    assert script.written[0] == (0xD00F, 8, 32_000 << 32 | 1)
+    assert script.asked == [0x3801]
+    script.frame = lambda index, ticks: dng(exposure_ticks=5000)
+    phone.expose(0.5)
+    assert phone.fetch()[0].file_format is FileFormat.RAW
+    assert script.asked == [0x3801, 0x3811]
+
+
+def test_what_the_phone_cannot_is_refused_before_anything_is_exposed(phone, script):
+    with pytest.raises(LimitError, match=r"no shutter speed of 0\.25 s; the nearest of 3 is 0\.5 s \(1/2\)"):
+        phone.expose(0.25)
+    with pytest.raises(LimitError, match="no shutter speed"):
+        phone.expose(1 / 64_000)
+    assert script.captures == 0
+
+
+def test_a_camera_without_jpeg_says_so(camera, script):
+    with pytest.raises(LimitError, match="delivers no JPEG"):
+        camera.expose(0.1, file_format=FileFormat.JPEG)
+    camera.expose(0.0333)
+    camera.fetch()
+    assert script.asked == [0], "raw files of another camera may have a format of their own"
+
+
+def test_another_format_or_exposure_than_asked_for_is_refused(phone, script):
+    phone.expose(1 / 32_000)
+    with pytest.raises(FrameCheckError, match=r"asked for \.dng, a \.jpg came"):
+        phone.fetch()
+    phone.expose(1 / 8000, file_format=FileFormat.JPEG)  # within a tick of what comes, yet two stops from it
+    with pytest.raises(FrameCheckError, match=r"asked for 0\.000125 s"):
+        phone.fetch()
+
+
+def test_a_cut_photograph_is_fetched_again(phone, script):
+    script.strikes = [lambda file: file[: len(file) // 2]]
+    phone.expose(1 / 32_000, file_format=FileFormat.JPEG)
+    (frame,) = phone.fetch()
+    assert frame.data == jpeg(PICTURE, serial="VC-0000", exposure_s=1 / 32_000)
+
+
+def test_facts_of_a_photograph_are_those_of_its_exif_data():
+    data = jpeg(PICTURE, serial="PH-0001", exposure_s=1 / 32_000, iso=50, stamp=("2026:01:01 08:00:00", "250"))
+    facts = read_facts("phone", data)
+    assert (facts.serial, facts.exposure_s, facts.iso) == ("PH-0001", 1 / 32_000, 50)
+    assert facts.stamp_s % 1 == 0.25
+    assert np.isnan(read_facts("phone", jpeg(PICTURE, iso=None)).iso)
+
+
+@pytest.mark.parametrize("missing", ["serial", "exposure_s"])
+def test_a_photograph_that_leaves_out_what_tells_it_apart_is_refused(missing):
+    with pytest.raises(FrameCheckError, match="no DNG or JPEG with serial number and exposure time"):
+        read_facts("phone", jpeg(PICTURE, **{missing: None}))
+
+
+def test_every_cut_of_a_photograph_is_seen():
+    data = jpeg(PICTURE)
+    for length in range(0, len(data), 37):
+        with pytest.raises(FrameCheckError):
+            read_facts("phone", data[:length])
 
 
 @pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff\xe0" + bytes(100), b"not an image" * 50])

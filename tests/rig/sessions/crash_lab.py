@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rig.sessions import Runner, Session, State, parse_plan
 from rig.sessions import journal as journal_module
-from tests.rig.sessions.fake_rig import MDF, SRF, UNTOLD_MDF, config, fake_rig
+from tests.rig.sessions.fake_rig import ENVIRONMENT, MDF, SRF, UNTOLD_MDF, config, fake_rig
 
 CONFIG = config()
 FINISHED = 3  # an exit status
@@ -135,6 +135,7 @@ def tell_state(folder):
 def main(folder):
     found = {
         "photographs": kill_at_every_point(folder / "photographs", PHOTOGRAPHS),
+        "place": kill_at_every_point(folder / "place", ENVIRONMENT),
         "sweeps": kill_at_every_point(folder / "sweeps", SWEEPS),
         "tested": kill_at_every_point(folder / "tested", TESTED),
         "random": sum(kill_again_and_again(folder / f"random{seed}", random.Random(seed)) for seed in range(3)),

@@ -12,9 +12,10 @@ from math import degrees
 import numpy as np
 
 from rig.config import RigConfig
-from rig.devices import RawFrame, Rig
+from rig.devices import FileFormat, RawFrame, Rig
 from rig.errors import LimitError, StateError
 from tests.reference.dng import dng
+from tests.reference.jpeg import jpeg
 
 SIZE = (24, 32)
 BLACK, WHITE, READ_NOISE = 256, 4095, 2.0
@@ -44,6 +45,7 @@ def config(**changes) -> RigConfig:
             "cam0": {"serial": "VC-0000", "mount": "camera_arc", "elevation_deg": 40, **camera},
             "cam1": {"serial": "VC-0001", "mount": "camera_arc", "elevation_deg": 70, **camera},
             "front": {"serial": "DS-0001", "mount": "front", "elevation_deg": 0, **camera},
+            "phone": {"address": "127.0.0.1:1", "serial": "PH-0001", "mount": "hand", "field_deg": 190},
         },
         "laser": {"port": "/fake/tower", "distance_mm": 800, "elevations_deg": [35, 50], "sweep_ticks": 20,
                   "ticks_per_s": 40},
@@ -158,7 +160,7 @@ class FakeCamera:
         self.pending = None
         self.spoil = []  # functions of a list of frames, one used up per fetch
 
-    def expose(self, exposure_s, *, frames=1, interval_s=0.0):
+    def expose(self, exposure_s, *, frames=1, interval_s=0.0, file_format=FileFormat.RAW):
         self.world.command(f"expose {self.name}")
         if self.world.moving(self.axes):
             self.world.offences.append(f"{self.name} exposed while {self.world.moving(self.axes)} moved")
@@ -167,6 +169,7 @@ class FakeCamera:
         self.world.exposures += [(self.name, angles, tuple(lit), exposure_s, index) for index in range(frames)]
         light = (4000.0 if lit else 0.0, self.world.laser_dn_s if self.world.laser_on else 0.0)
         self.pending = (exposure_s, frames, interval_s, self.world.time_s, light)
+        self.file_format = file_format
 
     def fetch(self):
         self.world.command(f"fetch {self.name}")
@@ -189,6 +192,9 @@ class FakeCamera:
         key = repr((self.serial, len(self.world.exposures), index))
         rng = np.random.default_rng(int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], "big"))
         mosaic = np.clip(rng.normal(BLACK + level, READ_NOISE), 0, WHITE).astype(np.uint16)
+        if self.file_format is FileFormat.JPEG:
+            data = jpeg(mosaic // 16, exposure_s=exposure_s, serial=self.serial)
+            return RawFrame(self.name, self.serial, data, exposure_s, index, taken_s, 100.0, FileFormat.JPEG)
         profile = (1e-4, (READ_NOISE / (WHITE - BLACK)) ** 2)
         data = dng(mosaic, exposure_s=exposure_s, serial=self.serial, noise_profile=profile)
         return RawFrame(self.name, self.serial, data, exposure_s, index, taken_s)
@@ -266,8 +272,10 @@ LAMPS = {
     "cameras": ["cam0", "cam1"], "mirror": {"radius_mm": 20, "exposures_s": [0.05]},
     "white": {"reflectance": 0.9, "exposures_s": [0.05]},
 }  # fmt: skip
+ENVIRONMENT = {"kind": "environment", "place": "room", "exposures_s": [1 / 32_000, 0.5, 0.01]}
 UNTOLD_MDF = {key: value for key, value in MDF.items() if key != "exposure_s"}  # test sweeps choose the exposure
-PLANS = {"btf": BTF, "mdf": MDF, "srf": SRF, "calibrate": CALIBRATE, "sensor": SENSOR, "lamps": LAMPS}
+PLANS = {"btf": BTF, "mdf": MDF, "srf": SRF, "calibrate": CALIBRATE, "sensor": SENSOR, "lamps": LAMPS,
+         "environment": ENVIRONMENT}  # fmt: skip
 
 
 def whole(session):

@@ -28,13 +28,14 @@ def python(module, *arguments):
 
 
 def test_a_session_survives_being_killed_anywhere(fast_folder):
-    """At every durable operation of three small plans, and at random instants of a longer one."""
+    """At every durable operation of four small plans, and at random instants of a longer one."""
     command = python("crash_lab", fast_folder)
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=110, check=False)
     assert ran.returncode == 0, ran.stderr
     found = json.loads(ran.stdout)
     operations = 2 + 1 + 1  # of one step at least: two transactions, one synchronisation, one rename
     assert found["photographs"] >= 2 * operations  # two steps
+    assert found["place"] >= 6 * operations  # three exposures to the front, three to the back
     assert found["sweeps"] >= operations
     assert found["tested"] >= found["sweeps"] + 2  # one step more, of which only the journal knows
     assert found["random"] >= 1

@@ -74,6 +74,7 @@ def test_a_plan_from_before_there_was_a_depth_keeps_its_hash(kind):
         ("srf", "camera", "cam0"),
         ("calibrate", "board_poses", 4),
         ("sensor", "repeats", 3),
+        ("environment", "files", "raw"),
     ],
 )
 def test_the_hash_tells_plans_apart(kind, field, value):
@@ -128,6 +129,10 @@ BAD = {
     "azimuth twice in a list": (changed("mdf", laser_azimuth_deg=[[45], [30, 390]]), "field laser_azimuth_deg.1: "),
     "no lights": ({k: v for k, v in PLANS["srf"].items() if k != "arm_deg"}, "neither arm_deg nor light_arc_deg"),
     "a lamp and several": (changed("srf", lamp="led", lamps=["led"]), "both lamp and lamps"),
+    "two exposures are no bracket": (changed("environment", exposures_s=[0.5, 0.01]), "exposures_s"),
+    "exposures that look alike": (changed("environment", exposures_s=[0.5, 0.45, 0.01]), "exposures_s"),
+    "shorter than a shutter": (changed("environment", exposures_s=[0.5, 0.01, 1e-6]), "exposures_s.2"),
+    "another kind of file": (changed("environment", files="png"), "files"),
     "no card": ({k: v for k, v in PLANS["srf"].items() if k != "card"}, "card"),
     "card of wrong size": (changed("srf", card={**PLANS["srf"]["card"], "width_mm": -1}), "card.width_mm"),
     "card brighter than white": (changed("srf", card={**PLANS["srf"]["card"], "reflectance": 1.2}), "card.reflectance"),

@@ -333,13 +333,36 @@ def test_examples_use_only_what_their_comments_count(path):
         "calibrate": lambda: plan.board_poses + len(plan.turntable_deg),
         "sensor": lambda: plan.repeats * (len(plan.dark_exposures_s) + len(plan.flat_exposures_s)),
         "lamps": lambda: lamps_steps(plan),
+        "environment": lambda: 2 * len(plan.exposures_s),
     }[plan.kind]()
     lamp = CONFIG.lamps.lamp["lamp1"].model_dump()
     camera = CONFIG.cameras["cam1"].model_dump()
     lamps = {f"lamp{i}": {**lamp, "channel": i + 1} for i in range(8)} | {"led": CONFIG.lamps.lamp["led"].model_dump()}
-    cameras = {f"cam{i}": camera for i in range(8)} | {"front": CONFIG.cameras["front"].model_dump()}
+    cameras = {f"cam{i}": camera for i in range(8)} | {
+        name: CONFIG.cameras[name].model_dump() for name in ("front", "phone")
+    }
     laser = {**CONFIG.laser.model_dump(), "elevations_deg": [20, 35, 50, 65, 75]}
     whole = config(lamps={"port": "/fake/dmx", "lamp": lamps}, cameras=cameras, laser=laser)
     laid_out = schedule(plan, whole)
     assert len(laid_out.steps) == counted
     assert laid_out.skipped == ()
+
+
+def test_a_place_is_photographed_front_and_back_from_long_to_short():
+    plan = parse_plan(PLANS["environment"])
+    steps = schedule(plan, CONFIG).steps
+    assert [step.mount["facing"] for step in steps] == ["front"] * 3 + ["back"] * 3
+    assert [step.id for step in steps[:3]] == ["front_0.5000s", "front_0.0100s", "front_0.000031s"]
+    assert [step.exposure_s for step in steps[3:]] == [0.5, 0.01, 1 / 32_000]
+    assert all(step.lamps == () and step.cameras == ("phone",) and step.file_format == "jpg" for step in steps)
+    raw = schedule(parse_plan({**PLANS["environment"], "files": "raw"}), CONFIG).steps
+    assert {step.file_format for step in raw} == {"dng"}
+
+
+def test_a_camera_in_the_hand_and_mounted_ones_serve_their_own_plans():
+    with pytest.raises(PlanError, match="front is mounted"):
+        schedule(parse_plan({**PLANS["environment"], "camera": "front"}), CONFIG)
+    with pytest.raises(PlanError, match="phone is held by hand"):
+        schedule(parse_plan({**PLANS["sensor"], "cameras": ["phone"]}), CONFIG)
+    with pytest.raises(UnknownDeviceError, match="'tablet'"):
+        schedule(parse_plan({**PLANS["environment"], "camera": "tablet"}), CONFIG)

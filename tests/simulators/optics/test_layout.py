@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from rig.config import load_config
 from simulators.layout import build_layout, direction, rotation
+from simulators.phone import build_phone
 from simulators.rig_file import rig_toml
 
 LAYOUT = build_layout(1, "small")
@@ -16,9 +17,10 @@ ANGLES = st.floats(-3.1, 3.1)
 @pytest.mark.parametrize("size", ["small", "full"])
 def test_rig_toml_is_what_the_rig_reads(tmp_path, size):
     layout = build_layout(3, size)
-    addresses = {name: f"127.0.0.1:{4000 + i}" for i, name in enumerate(layout.cameras)}
+    addresses = {name: f"127.0.0.1:{4000 + i}" for i, name in enumerate((*layout.cameras, "phone"))}
     file = tmp_path / "rig.toml"
-    text = rig_toml(layout, bus='a "bus" \\ port', dmx="dmx", tower="tower", cameras=addresses, clock="127.0.0.1:5000")
+    serial = {"bus": 'a "bus" \\ port', "dmx": "dmx", "tower": "tower"}
+    text = rig_toml(layout, build_phone(3, size), serial=serial, cameras=addresses, clock="127.0.0.1:5000")
     file.write_text(text, encoding="utf-8")
     config = load_config(file)
     assert {name: camera.address for name, camera in config.cameras.items()} == addresses

@@ -193,7 +193,7 @@ def test_unknown_sample_and_truth_are_refused(optics, pose, studio, tmp_path):
     with pytest.raises(ValueError, match="texels"):
         optics.truth("displacement", pose(), camera="cam1")
     with pytest.raises(ValueError, match="cam9"):
-        Truth(tmp_path, studio, optics.rate).points(pose(), "cam9")
+        Truth(tmp_path, studio, optics.rate, optics.phone).points(pose(), "cam9")
 
 
 def test_the_full_rig_makes_full_pictures(pose, tmp_path):

@@ -45,6 +45,12 @@ class Darkroom:
         )
         return f"frame {len(self.shots)} of {serial}".encode() * 8
 
+    def photograph_jpeg(self, camera, pose, exposure_s, **label):
+        return b"jpeg " + self.photograph(camera, pose, exposure_s, **label)
+
+    def serial(self, camera):
+        return "PH-0001" if camera == "phone" else build_layout(SEED, "small").cameras[camera].serial
+
 
 @dataclass
 class Wire:

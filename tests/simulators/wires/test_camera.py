@@ -3,8 +3,9 @@ import struct
 
 import pytest
 
-from simulators.camera import Camera
+from simulators.camera import Camera, phone_make
 from simulators.line import Line
+from simulators.phone import SPEEDS, build_phone
 from simulators.ptp_ip import Responder
 from simulators.shutter import READOUT_S, Shutter
 
@@ -374,3 +375,43 @@ class TestFaults:
         assert client.operate(0x100E) is None
         clock.advance(1.0)
         assert len(darkroom.shots) == 1, "obeyed all the same"
+
+
+@pytest.fixture
+def phone(world, darkroom, clock, faults, vectors):
+    layout = build_phone(1, "small")
+    camera = Camera(layout, Shutter(layout, world, darkroom), clock.now_s, phone_make(SPEEDS))
+    client = Client(Responder(camera, Line(layout.name, clock, faults, 1e12)), vectors)
+    assert client.operate(0x1002, 1)[0] == OK
+    return client
+
+
+def test_the_phone_is_told_a_shutter_speed_and_a_format(phone, clock, darkroom, vectors):
+    """As of the vectors: 1/32000 s, and one JPEG, then one DNG; what it does not list is refused."""
+    speed = vectors("ptp")["value_shutter_speed"]["wire"]
+    assert phone.operate(0x1016, 0xD00F, data=speed)[0] == OK
+    assert phone.operate(0x1016, 0xD00F, data=struct.pack("<II", 1, 31_999))[0] == BAD_VALUE
+    assert phone.operate(0x1014, 0x500D)[0] == NO_PROPERTY
+    for form, bits, ending in ((0x3801, 8, "JPG"), (0x3811, 16, "DNG"), (0, 8, "JPG")):
+        assert phone.operate(0x100E, 0, form)[0] == OK
+        clock.advance(0.1)
+        (code, handle), _ = phone.events()
+        assert code == OBJECT_ADDED
+        info = phone.operate(0x1008, handle)[1]
+        assert struct.unpack_from("<H", info, 4)[0] == (form or 0x3801)
+        assert struct.unpack_from("<I", info, 34)[0] == bits
+        assert f"{handle:05d}.{ending}".encode("utf-16-le") in info
+        assert phone.operate(0x1009, handle)[1].startswith(b"jpeg ") == (ending == "JPG")
+    assert [shot["exposure_s"] for shot in darkroom.shots] == [1 / 32_000] * 3
+    assert len({shot["key"] for shot in darkroom.shots}) == 3
+    assert phone.operate(0x1007, ALL, 0x3811, 0)[1][:4] == struct.pack("<I", 1)
+    assert phone.operate(0x100E, 0, 0x3808)[0] == 0x200B, "no such format"
+
+
+def test_phone_property_description_has_the_form_of_the_vector(phone, vectors):
+    told, vector = phone.operate(0x1014, 0xD00F)[1], vectors("ptp")["property_shutter_speed"]["wire"]
+    assert told[:5] == vector[:5]
+    assert told[21] == vector[21] == 2
+    (count,) = struct.unpack_from("<H", told, 22)
+    assert struct.unpack_from("<II", told, 24) == (1, 32_000)
+    assert len(told) == 24 + 8 * count

@@ -93,7 +93,7 @@ def pixels(file, tmp_path):
 
 def test_rig_toml_is_what_the_rig_reads(shared_simulated_rig):
     config = load_config(shared_simulated_rig.toml)
-    assert len(config.cameras) == 9
+    assert len(config.cameras) == 10
     assert config.clock.address == shared_simulated_rig.control.address
     assert Path(config.bus.port).is_char_device()
     assert Path(config.lamps.port).is_char_device()

@@ -5,7 +5,7 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
-from processing.lighting.cached_kernel import CachedFrame, frame_in_threads
+from processing.lighting.cached_kernel import frame_in_threads
 from processing.lighting.directions import HEIGHT
 from processing.lighting.kept_steps import KeptSteps
 from processing.lighting.lobe_heights import HIGHEST
@@ -16,20 +16,6 @@ from render.context import is_software
 from render.errors import GlUnavailableError
 
 _log = logging.getLogger(__name__)
-
-
-def fastest_cached_frame() -> CachedFrame:
-    """Of a graphics card, or of the processor's threads with a line in the log that says why."""
-    try:
-        card = FrameOnCard()
-    except GlUnavailableError as error:
-        _log.info("%s. Threads of the processor find relit frames.", error)
-        return frame_in_threads
-    if is_software(card.name):
-        _log.info("%s is no graphics card. Threads of the processor find relit frames.", card.name)
-        card.release()
-        return frame_in_threads
-    return card
 
 
 class FrameOnCard:
@@ -50,6 +36,31 @@ class FrameOnCard:
     def release(self) -> None:
         """Give everything on the card back."""
         self._frames.release()
+
+
+class FrameInThreads:
+    """The same by the processor's threads."""
+
+    def __call__(self, kept: KeptSteps, vertices: NDArray[np.int64], surface: Surface, sums: Float64) -> Float32:
+        """Radiance (n, 3)."""
+        return frame_in_threads(kept, vertices, surface, sums)
+
+    def release(self) -> None:
+        """Nothing is held."""
+
+
+def open_cached_frame() -> FrameOnCard | FrameInThreads:
+    """By a graphics card, or by the processor's threads with a line in the log that says why."""
+    try:
+        card = FrameOnCard()
+    except GlUnavailableError as error:
+        _log.info("%s. Threads of the processor find relit frames.", error)
+        return FrameInThreads()
+    if is_software(card.name):
+        _log.info("%s is no graphics card. Threads of the processor find relit frames.", card.name)
+        card.release()
+        return FrameInThreads()
+    return card
 
 
 def _for_card(surface: Surface) -> cached_frame.Surface:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from processing.lighting.brdfs import Brdf, BrdfKind, blinn_phong, ggx, lambert, tabulated, ward
 from processing.lighting.cached_kernel import frame_in_threads
@@ -16,7 +18,7 @@ from processing.lighting.kept_steps import KeptSteps
 from processing.lighting.moving_kernel import Steps, Surface
 from render.context import is_software
 from render.errors import GlUnavailableError
-from service.relit_on_card import FrameOnCard, fastest_cached_frame
+from service.relit_on_card import FrameInThreads, FrameOnCard, open_cached_frame
 
 ROOT = Path(__file__).parents[2]
 SAMPLED = sample_directions(10)
@@ -86,7 +88,7 @@ def _kept(rng: np.random.Generator, count: int) -> KeptSteps:
 def _surface(rng: np.random.Generator, brdf: Brdf, count: int) -> Surface:
     """Vertices that face any way, some exactly up or down; eyes all around, under some of the horizons too."""
     normals, seen = rng.normal(size=(2, count, 3))
-    normals[:4] = np.array([0.0, 0.0, 1.0]) * [[1], [-1], [1], [-1]]
+    normals[:4] = (np.array([0.0, 0.0, 1.0]) * [[1], [-1], [1], [-1]])[:count]
     for ways in (normals, seen):
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     return Surface(normals, seen, int(brdf.kind), brdf.parameters, brdf.table, brdf.heights, SAMPLED.node_means.copy())
@@ -126,6 +128,22 @@ def test_a_sun_leaves_the_sky_its_digits(card):
     assert _apart(found, expected) < 1e-4
 
 
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    count=st.integers(1, 150),
+    name=st.sampled_from(sorted(BRDFS)),
+    scale=st.sampled_from([1e-6, 1.0, 1e6]),
+)
+def test_radiance_scales_with_light_whatever_the_vertices(card, seed, count, name, scale):
+    """Of one vertex the bound is wider: rounding may split one node in two, whose value is 3 % off at most."""
+    rng = np.random.default_rng(seed)
+    kept, surface, sums = _kept(rng, count), _surface(rng, BRDFS[name], count), _sums(rng)
+    expected = scale * frame_in_threads(kept, np.arange(count), surface, sums)
+    found = card(kept, np.arange(count), surface, scale * sums)
+    assert np.sqrt(np.square(found - expected).mean()) <= 3e-3 * expected.mean()
+
+
 def test_some_vertices_in_any_turn_of_what_is_kept(card):
     """Added to, partly forgotten with room made anew, all forgotten and begun again."""
     rng = np.random.default_rng(3)
@@ -157,16 +175,15 @@ def test_a_software_rasteriser_leaves_it_to_the_threads(card, caplog):
     if not is_software(card.name):
         pytest.skip(f"{card.name} is a graphics card")
     with caplog.at_level("INFO", "service.relit_on_card"):
-        assert fastest_cached_frame() is frame_in_threads
+        assert isinstance(open_cached_frame(), FrameInThreads)
     assert caplog.messages == [f"{card.name} is no graphics card. Threads of the processor find relit frames."]
 
 
 PROGRAM = """
 import logging, sys
 logging.basicConfig(format="%(levelname)s %(message)s", stream=sys.stdout, level=logging.INFO)
-from processing.lighting.cached_kernel import frame_in_threads
-from service.relit_on_card import fastest_cached_frame
-assert fastest_cached_frame() is frame_in_threads
+from service.relit_on_card import FrameInThreads, open_cached_frame
+assert isinstance(open_cached_frame(), FrameInThreads)
 """
 
 

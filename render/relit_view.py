@@ -35,6 +35,7 @@ class RelitView:
         self.bodies = RelitBodies.of(meshes)
         self._boxes = [_box(mesh.positions) for mesh in meshes]
         self._supersampling = supersampling
+        self._answered: tuple[list[bytes], NDArray[np.int64]] | None = None
         self.context = open_context()
         self.name = renderer_name(self.context)
         with self.context:
@@ -45,8 +46,16 @@ class RelitView:
             self._panorama: tuple[Environment, moderngl.Texture] | None = None
 
     def visible(self, camera: Camera, poses: Sequence[Float64]) -> NDArray[np.int64]:
-        """Ascending numbers of the vertices of all triangles that a picture from here shows."""
-        return self.bodies.vertices_in(self.triangles(camera.scaled(self._supersampling), poses))
+        """Ascending numbers of the vertices of all triangles that a picture from here shows.
+
+        Where neither camera nor bodies have moved since the last question, the answer is the same array.
+        """
+        asked = [array.tobytes() for array in (np.array(camera.size), camera.matrix, camera.camera_from_world, *poses)]
+        if self._answered is None or self._answered[0] != asked:
+            triangles = self.triangles(camera.scaled(self._supersampling), poses)
+            self._answered = asked, self.bodies.vertices_in(triangles)
+            self._answered[1].setflags(write=False)
+        return self._answered[1]
 
     def triangles(self, camera: Camera, poses: Sequence[Float64]) -> Int32:
         """Which triangle each pixel's middle sees, (h, w), numbered through all meshes; -1 where none."""

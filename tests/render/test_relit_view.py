@@ -116,6 +116,18 @@ def test_vertices_that_are_not_visible_show_nowhere(views, radiance, seed):
         assert len(visible) < 0.8 * len(radiance)
 
 
+def test_each_move_of_camera_or_body_is_asked_anew(views):
+    """Poses may be the same array, changed in place."""
+    view, reference = views
+    poses, camera = _poses(0), _camera(0)
+    for step in range(4):
+        poses[0][1, 3] += 0.2 * (step % 2)
+        seen_from = _camera(0) if step < 2 else camera.resized((step * 20, 40))
+        found, expected = (each.visible(seen_from, poses) for each in (view, reference))
+        assert len(np.setxor1d(found, expected)) <= 0.03 * len(expected)
+        assert view.visible(seen_from, [pose.copy() for pose in poses]) is found
+
+
 def test_triangles_smaller_than_a_pixel_leave_no_holes():
     """A square of 20 000 triangles in 30 x 30 pixels: covered, and drawn by visible vertices alone."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 101), np.linspace(-1, 1, 101), indexing="ij"), axis=-1)

@@ -63,6 +63,20 @@ class SampleDirections:
         rows = [self.means(height) for height in range(self.height, -1, -1)]
         return np.concatenate([np.zeros((1, 3)), *rows]).astype(np.float32)
 
+    @cached_property
+    def node_reaches(self) -> Float64:
+        """Sines and cosines (2^(height + 1), 2) of the largest angles of leaves to their `node_means`, rounded up; 2
+        and -2 of nodes that reach about as far as a hemisphere."""
+        rows = [np.full(1, np.pi)]
+        for height in range(self.height, -1, -1):
+            leaves = self.directions.reshape(-1, 1 << height, 3)
+            along = np.einsum("nki,ni->nk", leaves, self.means(height)).min(axis=1)
+            rows.append(np.arccos(np.clip(along, -1, 1)) + 1e-5)
+        spread = np.concatenate(rows)
+        found = np.column_stack([np.sin(spread), np.cos(spread)])
+        found[spread > 1.5] = 2, -2
+        return found
+
     def means(self, height: int) -> Float64:
         """Unit mean directions (2^(15 - height), 3) of the clusters of one height, by solid angle."""
         weighted = (self.directions * self.solid_angle[:, None]).reshape(-1, 1 << height, 3).sum(axis=1)

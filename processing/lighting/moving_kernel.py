@@ -17,6 +17,7 @@ from processing.lighting.brdfs import evaluate
 from processing.lighting.cuts import trailing_zeros as ends_with
 from processing.lighting.directions import HEIGHT
 from processing.lighting.lobe_heights import BINS, HIGHEST
+from processing.lighting.shadow_kernel import Scratch, Shadows, mark, mark_shadows, scratch_for
 from processing.products.arrays import Float32, Float64, Int32
 
 UInt8 = NDArray[np.uint8]
@@ -27,7 +28,6 @@ Int64 = NDArray[np.int64]
 _first_bit: Any = trailing_zeros  # an intrinsic of numba's, which only compiled code calls
 
 _TOLERANCE = 0.004  # of the clustering of products that are kept: half of that of the cuts themselves
-WEIGHT_STEPS = 65536  # weights are multiples of 2^-16, so that sums of eight of them are exact in float32
 _LOWEST = 1e-3  # cosine to the horizon of an eye or a node's middle that lies under it
 
 
@@ -43,34 +43,11 @@ class Steps(NamedTuple):
     value: Float32
 
 
-class Shadows(NamedTuple):
-    """Sample points around vertices: `number` and `weight` (vertices, bodies, 8) of each body's field.
-
-    A number of -1 first says that the body does not matter. `first[i]` and `toggles[i]` are the field's; `leaf[i]`,
-    where it is not empty, tells which of the field's leaves each of the vertex's is.
-    """
-
-    number: Int32
-    weight: Float32
-    first: list[Int64]
-    toggles: list[UInt16]
-    leaf: list[UInt16]
-
-
 class Nodes(NamedTuple):
     """First leaves of nodes, that behind the last one too, and the reflectance (k, 3) toward the eye from each."""
 
     start: Int32
     value: Float64
-
-
-class Scratch(NamedTuple):
-    """Room for one thread: `change` (bodies, leaves) and `marks` (bits of leaves) are zeros between two vertices."""
-
-    change: Float32
-    mean: Float32
-    marks: UInt64
-    now: Float32
 
 
 class Surface(NamedTuple):
@@ -90,7 +67,7 @@ class Surface(NamedTuple):
 def moving_frame(steps: Steps, shadows: Shadows, surface: Surface, sums: Float64, radiance: Float32) -> None:
     """Write the radiance (n, 3) of vertices; `sums` (leaves + 1, 4) are the light's before each leaf."""
     leaves = len(sums) - 1
-    scratch = _scratch(shadows, leaves)
+    scratch = scratch_for(shadows, leaves)
     nodes = room_for_nodes(leaves)
     for i in range(len(radiance)):
         active = mark_shadows(i, shadows, scratch)
@@ -105,7 +82,7 @@ def moving_frame(steps: Steps, shadows: Shadows, surface: Surface, sums: Float64
 @numba.njit(nogil=True, cache=True)
 def merged_steps(steps: Steps, shadows: Shadows, leaves: int) -> Steps:
     """The whole product as steps; neighbours of nearly one value are one."""
-    scratch = _scratch(shadows, leaves)
+    scratch = scratch_for(shadows, leaves)
     count = len(steps.begin)
     first = np.zeros(count + 1, np.int64)
     start, value = np.empty(count * 1024 + leaves, np.uint16), np.empty(count * 1024 + leaves, np.float32)
@@ -121,66 +98,10 @@ def merged_steps(steps: Steps, shadows: Shadows, leaves: int) -> Steps:
 
 
 @numba.njit(nogil=True, cache=True)
-def _scratch(shadows: Shadows, leaves: int) -> Scratch:
-    bodies = shadows.number.shape[1]
-    change, mean = np.zeros((bodies, leaves), np.float32), np.empty(leaves, np.float32)
-    return Scratch(change, mean, np.zeros((leaves + 63) // 64, np.uint64), np.empty(bodies, np.float32))
-
-
-@numba.njit(nogil=True, cache=True)
 def _longer(array: NDArray[Any], room: int) -> NDArray[Any]:
     found = np.empty(2 * len(array) + room, array.dtype)
     found[: len(array)] = array
     return found
-
-
-@numba.njit(nogil=True, cache=True)
-def mark(marks: UInt64, leaf: int) -> None:
-    """Set the bit of a leaf."""
-    marks[leaf >> 6] |= np.uint64(1) << np.uint64(leaf & 63)
-
-
-@numba.njit(nogil=True, cache=True)
-def mark_shadows(i: int, shadows: Shadows, scratch: Scratch) -> int:
-    """Add the changes of the bodies that matter to vertex i, a row of `change` for each, and return how many."""
-    change, mean, marks = scratch.change, scratch.mean, scratch.marks
-    active = 0
-    for body in range(shadows.number.shape[1]):
-        if shadows.number[i, body, 0] < 0:
-            continue
-        first, toggles, leaf = shadows.first[body], shadows.toggles[body], shadows.leaf[body]
-        row = mean if len(leaf) else change[active]
-        if len(leaf):
-            mean[:] = 0
-        for corner in range(8):
-            weight, number = shadows.weight[i, body, corner], shadows.number[i, body, corner]
-            if weight == 0:
-                continue
-            for k in range(first[number], first[number + 1]):
-                weight = -weight
-                row[toggles[k]] += weight
-                if len(leaf) == 0:
-                    mark(marks, toggles[k])
-        if len(leaf):
-            _turned(mean, leaf, change[active], marks)
-        active += 1
-    return active
-
-
-@numba.njit(nogil=True, cache=True)
-def _turned(mean: Float32, leaf: UInt16, change: Float32, marks: UInt64) -> None:
-    """Changes of a field whose frame is turned against the vertex's: its function, asked leaf by leaf."""
-    value = np.float32(1)
-    for k in range(len(mean)):
-        value += mean[k]
-        mean[k] = value
-    before = np.float32(1)
-    for k in range(len(leaf)):
-        value = mean[leaf[k]]
-        if value != before:
-            change[k] = value - before
-            mark(marks, k)
-            before = value
 
 
 @numba.njit(nogil=True, cache=True)

@@ -24,6 +24,7 @@ from processing.lighting.coding import cuts_from_disk, cuts_to_disk, toggles_fro
 from processing.lighting.cuts import Cuts
 from processing.lighting.directions import SampleDirections
 from processing.lighting.field import FieldTracer, VisibilityField, block_size
+from processing.lighting.outline import FlatOutline, flat_outline
 from processing.lighting.self_visibility import self_visibility
 from processing.lighting.shells import ShellPlan, Shells
 from processing.lighting.triangle_body import TriangleBody
@@ -50,11 +51,11 @@ class Cost:
 
 @dataclass(frozen=True, eq=False)
 class PrecomputedBody:
-    """A body with the cuts of its vertices and the field around it, both in the frame of its vertices."""
+    """A body with the cuts of its vertices and the field around it, or a flat one's outline, in its vertices' frame."""
 
     body: TriangleBody
     self_visibility: Cuts
-    field: VisibilityField
+    field: VisibilityField | FlatOutline
 
 
 def precompute(
@@ -68,7 +69,7 @@ def precompute(
 ) -> PrecomputedBody:
     """Both of a body that catches light and casts shadows; `folder` keeps them."""
     cuts, _ = cached_self_visibility(body, sampled, folder, report, tolerance=tolerance)
-    field, _ = cached_field(body, sampled, folder, report, shells=shells)
+    field = flat_outline(body) or cached_field(body, sampled, folder, report, shells=shells)[0]
     return PrecomputedBody(body, cuts, field)
 
 

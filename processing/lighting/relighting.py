@@ -5,6 +5,7 @@ Source: Iwasaki et al., V, eq. 3 and 4; the eye, the light, reflectances and pos
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +18,7 @@ from processing.lighting.directions import SampleDirections
 from processing.lighting.kept_steps import KeptSteps
 from processing.lighting.light import EnvironmentLight, LeafLight, checked_rotation
 from processing.lighting.moving_kernel import Steps, Surface, merged_steps, moving_frame
-from processing.lighting.rays import Bool
-from processing.lighting.surroundings import Neighbour, RelitBody, fields_of, shadows
+from processing.lighting.surroundings import RelitBody, Surroundings, part_of
 from processing.products.arrays import Float32, Float64
 from processing.products.light_environment import Environment
 from processing.threads import in_parts
@@ -65,8 +65,7 @@ class Relighting:
         self._poses = [np.eye(4) for _ in bodies]
         self._light, self._turn, self._eye = EnvironmentLight(environment, sampled), np.eye(3), np.zeros(3)
         self._leaf_lights: dict[bytes, LeafLight] = {}
-        for number in range(len(bodies)):
-            self._meet(number)
+        self._moved = set(range(len(bodies)))
 
     def look_from(self, eye: Float64) -> None:
         """Put the eye at a point (3,)."""
@@ -102,10 +101,11 @@ class Relighting:
         elif not self._lit[number].brdf.constant:
             self._lit[number].known[:] = False
         self._poses[number] = pose
-        self._meet(number)
+        self._moved.add(number)
 
     def frame(self, visible: Int64 | None = None) -> Frame:
         """Radiance of vertices (n,) in ascending order, else of all."""
+        self._meet()
         wanted = np.arange(self.first[-1]) if visible is None else np.asarray(visible, np.int64)
         bounds = np.searchsorted(wanted, self.first)
         radiance, counts = np.empty((len(wanted), 3), np.float32), np.zeros(3, np.int64)
@@ -118,13 +118,12 @@ class Relighting:
             radiance[part] = lit.radiance[vertices]
         return Frame(radiance, Recomputed(*counts.tolist()))
 
-    def _meet(self, moved: int) -> None:
-        """Tell a moved body and all others how they lie to each other."""
-        for number, lit in enumerate(self._lit):
-            if number != moved:
-                to_moved = _inverse(self._poses[moved]) @ self._poses[number]
-                self._lit[moved].meet(number, self._lit[number].relit, to_moved)
-                lit.meet(moved, self._lit[moved].relit, _inverse(to_moved))
+    def _meet(self) -> None:
+        """Tell bodies how those that moved lie to them."""
+        for one, other in permutations(range(len(self._lit)), 2):
+            if one in self._moved or other in self._moved:
+                self._lit[one].meet(other, self._lit[other].relit, _inverse(self._poses[one]) @ self._poses[other])
+        self._moved.clear()
 
     def _relight(self) -> None:
         self._leaf_lights.clear()
@@ -148,24 +147,16 @@ class _LitBody:
         count = len(relit.body.vertices)
         self.relit, self.brdf = relit, lambert(np.full(3, _WHITE))
         self.radiance, self.known = np.zeros((count, 3), np.float32), np.zeros(count, np.bool_)
-        self._sampled, self._means, self._cached_frame = sampled, sampled.node_means, cached_frame
-        self._points = relit.body.origins
-        self._neighbours: dict[int, Neighbour] = {}
-        self._reached: dict[int, Bool] = {}
-        self._whole = KeptSteps(count)
-        self._rest = KeptSteps(count)
+        self._sampled, self._around, self._cached_frame = sampled, Surroundings(relit.body, sampled), cached_frame
+        self._whole, self._rest = KeptSteps(count), KeptSteps(count)
         self._moving, self._moved_last = set[int](), frozenset[int]()
         self._rest_without = frozenset[int]()
 
     def meet(self, number: int, other: RelitBody, own_from_other: Float64) -> None:
-        """Another body lies elsewhere: forget what it reached and what it reaches now."""
-        neighbour = Neighbour.of(other, own_from_other, self._sampled)
-        if neighbour is None:
+        """Another body may lie elsewhere: forget what it reached and what it reaches now."""
+        changed = self._around.meet(number, other, own_from_other)
+        if changed is None:
             return
-        before = self._reached.get(number)
-        now = neighbour.reaches(self._points, self.relit.body.normals)
-        changed = now if before is None else now | before
-        self._neighbours[number], self._reached[number] = neighbour, now
         self._whole.forget(changed)
         if number not in self._rest_without:
             self._rest.forget(changed)
@@ -188,44 +179,38 @@ class _LitBody:
 
     def _from_fields(self, vertices: Int64, moving: frozenset[int], light: LeafLight, eye: Float64) -> None:
         """Where bodies move: the rest of them is merged once they have moved in two frames."""
-        others = frozenset(self._neighbours)
+        others = self._around.numbers
         if moving == self._moved_last and moving < others:
             if self._rest_without != moving:
                 self._rest, self._rest_without = KeptSteps(len(self.known)), moving
             self._merge(self._rest, vertices, others - moving)
-            steps, casting = self._rest.steps(vertices), sorted(moving)
+            steps, casting = self._rest.steps(vertices), moving
         else:
-            steps, casting = self.relit.steps(vertices), sorted(others)
-        near = [self._neighbours[number] for number in casting]
-        fields = fields_of(near)
+            steps, casting = self.relit.steps(vertices), others
+        around = self._around.shadows(vertices, casting)
 
         def work(start: int, stop: int) -> None:
             part = vertices[start:stop]
-            around = shadows(near, fields, [self._reached[number][part] for number in casting], self._points[part])
             found = np.empty((len(part), 3), np.float32)
-            moving_frame(_part(steps, start, stop), around, self._surface(part, eye), light.sums, found)
+            here = _part(steps, start, stop), part_of(around, start, stop)
+            moving_frame(*here, self._surface(part, eye), light.sums, found)
             self.radiance[part] = found
 
         in_parts(work, len(vertices), _PART)
 
     def _from_whole(self, vertices: Int64, light: LeafLight, eye: Float64) -> None:
-        self._merge(self._whole, vertices, frozenset(self._neighbours))
+        self._merge(self._whole, vertices, self._around.numbers)
         surface = self._surface(vertices, eye)
         self.radiance[vertices] = self._cached_frame(self._whole, vertices, surface, light.sums)
 
     def _merge(self, kept: KeptSteps, vertices: Int64, casting: frozenset[int]) -> None:
-        """Keep the product of a vertex's own cut and some bodies' fields where it is not kept."""
+        """Keep the product of a vertex's own cut and what some bodies leave visible, where it is not kept."""
         missing = vertices[~kept.has(vertices)]
-        if not len(missing):
-            return
-        numbers = sorted(casting)
-        near = [self._neighbours[number] for number in numbers]
-        fields = fields_of(near)
+        around = self._around.shadows(missing, casting)
 
         def work(start: int, stop: int) -> Steps:
-            part = missing[start:stop]
-            around = shadows(near, fields, [self._reached[number][part] for number in numbers], self._points[part])
-            return merged_steps(self.relit.steps(part), around, len(self._sampled.directions))
+            own = self.relit.steps(missing[start:stop])
+            return merged_steps(own, part_of(around, start, stop), len(self._sampled.directions))
 
         kept.add(missing, in_parts(work, len(missing), _PART))
 
@@ -234,7 +219,13 @@ class _LitBody:
         toward = eye - body.vertices[vertices]
         toward /= np.maximum(np.linalg.norm(toward, axis=1, keepdims=True), 1e-300)
         return Surface(
-            body.normals[vertices], toward, int(brdf.kind), brdf.parameters, brdf.table, brdf.heights, self._means
+            body.normals[vertices],
+            toward,
+            int(brdf.kind),
+            brdf.parameters,
+            brdf.table,
+            brdf.heights,
+            self._sampled.node_means,
         )
 
 

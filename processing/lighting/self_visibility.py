@@ -30,14 +30,13 @@ def self_visibility(
     `tolerance` bounds the clustering error of each node: the root of the sum over its leaves of solid angle times the
     squared difference from its value. Vertices without a normal see nothing.
     """
-    occluder = Occluder(body.vertices, body.triangles)
     origins, normals = body.origins.astype(np.float32), body.normals.astype(np.float32)
     size = max(2 * BATCH // len(sampled.directions), 1)
     parts: list[Part] = []
     rays = 0
     for start in (report or Silence()).track(range(0, len(origins), _BLOCK), "self-visibility"):
         block = slice(start, start + _BLOCK)
-        work = _worker(occluder, sampled, tolerance, origins[block], normals[block])
+        work = _worker(body.occluder, sampled, tolerance, origins[block], normals[block])
         for part, traced in in_parts(work, len(origins[block]), size):
             parts.append(part)
             rays += traced

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from processing.errors import GeometryError
-from processing.lighting.rays import Bool
+from processing.lighting.rays import Bool, Occluder
 from processing.products.arrays import Float64, Int32
 
 _OFF_SURFACE = 1e-4  # of the radius: what float32 rays need so as not to meet the surface that they leave
@@ -34,6 +34,11 @@ class TriangleBody:
     def radius(self) -> float:
         """Of the smallest sphere around `centre` that holds all triangles."""
         return float(np.linalg.norm(self.vertices[self.triangles] - self.centre, axis=-1).max())
+
+    @cached_property
+    def occluder(self) -> Occluder:
+        """The triangles, ready to block rays."""
+        return Occluder(self.vertices, self.triangles)
 
     @property
     def without_normal(self) -> Bool:

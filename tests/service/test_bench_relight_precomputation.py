@@ -29,7 +29,7 @@ def test_pieces_stand_on_the_floor_within_the_room():
     for piece in furniture(QUICK):
         vertices = piece.body.vertices + piece.place
         assert (np.abs(vertices[:, :2]) <= 2.0).all()
-        assert vertices[:, 2].min() == pytest.approx(1e-3 if piece.casts else 0, abs=1e-9)
+        assert vertices[:, 2].min() == pytest.approx(1e-3 if piece.outline is None else 0, abs=1e-9)
 
 
 def test_sizes_are_5_and_17_bits_of_all_nodes():

@@ -2,7 +2,7 @@
 
 `relative_rmse_vs_direct`: root mean square error over the mean of the truth, of vertices drawn from the whole room,
 with fields of 32 spheres, the worse of Lambert and glossy materials, a room with windows. `bias`: the mean error over
-the mean, its size. `near_contact_rmse`: the same error of vertices closer than 15 cm to another body.
+the mean, its size. `near_contact_rmse`: the same error of vertices closer than 15 cm to another body than the floor.
 `vcf_error_monotone`: 1 where the error falls from each of 8, 16, 32, 64 spheres to the next. Rows have other lights,
 cuts' tolerances and spacings; `far_rmse` is of the vertices that are near no other body.
 """
@@ -57,7 +57,7 @@ class _Room:
                 if k != number
             ]
             shells = plan.around(piece.body.centre, piece.body.radius)
-            field = field_around(piece.body, self.sampled, shells, np.concatenate(around)) if piece.casts else None
+            field = piece.outline or field_around(piece.body, self.sampled, shells, np.concatenate(around))
             found.append(RelitBody(piece.body, self._cuts[number, tolerance], field))
         return found
 
@@ -84,12 +84,12 @@ class _Room:
 
 
 def _near(pieces: tuple[Piece, ...], first: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    """Which of the drawn vertices are near a vertex of another body that casts shadows."""
+    """Which of the drawn vertices are near a vertex of another body, the floor not counted."""
     points = np.concatenate([piece.body.vertices + piece.place for piece in pieces])
     body = np.searchsorted(first, drawn, side="right") - 1
     found = np.zeros(len(drawn), np.bool_)
     for number, piece in enumerate(pieces):
-        if piece.casts:
+        if piece.outline is None:
             distance = cKDTree(piece.body.vertices + piece.place).query(points[drawn])[0]
             found |= (distance < NEAR_M) & (body != number)
     return found

@@ -14,11 +14,13 @@ import numba
 import numpy as np
 
 from processing.lighting.brdfs import lambert
+from processing.lighting.cuts import Cuts
 from processing.lighting.directions import sample_directions
 from processing.lighting.light import EnvironmentLight
 from processing.lighting.relighting import Relighting
 from processing.lighting.shells import ShellPlan
-from processing.lighting.surroundings import Neighbour, RelitBody, exact_weights
+from processing.lighting.surroundings import AT_VERTEX, BETWEEN, Neighbour, RelitBody, exact_weights
+from processing.lighting.toggles import binary_cuts
 from service.bench import Result
 from tests.benchmarks.yardsticks.furniture import FULL, QUICK, PrecomputedPiece, precomputed_furniture
 from tests.benchmarks.yardsticks.relit_furniture import EYE_M, furnish, poses, windows
@@ -110,16 +112,14 @@ def _against_merge(pieces: tuple[PrecomputedPiece, ...], count: int) -> tuple[di
     begun = time.process_time()
     expected = np.array([merged_light(*one, light) for one in cuts]) * ALBEDO / np.pi
     merge = time.process_time() - begun
-    scene.frame()
     times = []
-    for k in range(3):
-        _move_all(scene, pieces, k)
+    for spread in (1.1, 1.0) * 3:
+        _move_all(scene, pieces, spread)
         begun = time.process_time()
         found = scene.frame().radiance[vertices]
         times.append(time.process_time() - begun)
-    # The whole room was shifted, so that all fields were read and the truth is the same.
     rmse = float(np.sqrt(np.square(found - expected).mean()) / expected.mean())
-    fast = float(np.median(times)) * count / int(scene.first[-1])
+    fast = float(np.median(times[3::2])) * count / int(scene.first[-1])
     figures = {"moving_fast_over_merge": fast / merge, "fast_vs_merge_rmse": rmse}
     rows: list[Row] = [
         {"method": name, "material": "Lambert", "us_per_vertex": 1e6 * seconds / count}
@@ -128,40 +128,48 @@ def _against_merge(pieces: tuple[PrecomputedPiece, ...], count: int) -> tuple[di
     return figures, rows
 
 
-def _move_all(scene: Relighting, pieces: tuple[PrecomputedPiece, ...], k: int) -> None:
+def _move_all(scene: Relighting, pieces: tuple[PrecomputedPiece, ...], spread: float) -> None:
+    """Put all pieces in place, or further apart."""
     for number, pose in enumerate(poses(tuple(one.piece for one in pieces))):
-        pose[:2, 3] += 1 + k
+        pose[:2, 3] *= spread
         scene.move(number, pose)
 
 
 def _cuts_of(scene: Relighting, pieces: tuple[PrecomputedPiece, ...], vertex: int) -> tuple[np.ndarray, ...]:
-    """The vertex's own cut and those of the sample points around it, body by body, as the merge reads them."""
+    """The vertex's own cut and those that tell of the other bodies, one after another, as the merge reads them."""
     number = int(np.searchsorted(scene.first, vertex, side="right")) - 1
     own, one = vertex - scene.first[number], pieces[number]
-    body, cuts = one.piece.body, one.self_visibility
-    part = slice(cuts.first[own], cuts.first[own + 1])
-    heights, values, sizes = [cuts.heights[part]], [cuts.values[part]], [part.stop - part.start]
-    group, weight = [0], [1.0]
+    cuts, weight, group = [_part(one.self_visibility, own)], [1.0], [0]
+    point, normal = one.piece.body.origins[own : own + 1], one.piece.body.normals[own : own + 1]
     for other in pieces:
-        if other is one or other.field is None:
-            continue
-        shift = np.eye(4)
-        shift[:3, 3] = other.piece.place - one.piece.place
-        relit = RelitBody(other.piece.body, other.self_visibility, other.field)
-        near = Neighbour.of(relit, shift, sample_directions())
-        point = body.origins[own : own + 1]
-        if near is None or not near.reaches(point, body.normals[own : own + 1])[0]:
-            continue
-        numbers, weights = other.field.cells(point - near.shift)
-        for k in np.flatnonzero(weights[0]):
-            found = other.field.cuts(numbers[0, k : k + 1])
-            heights.append(found.heights)
-            values.append(found.values)
-            sizes.append(len(found.heights))
-            weight.append(float(exact_weights(weights)[0, k]))
-            group.append(max(group) if group[-1] and k != np.flatnonzero(weights[0])[0] else max(group) + 1)
-    ends = np.cumsum([0, *sizes])
-    return (np.concatenate(heights), np.concatenate(values), ends[:-1], ends[1:], np.array(group), np.array(weight))
+        if other is not one:
+            relit = RelitBody(other.piece.body, other.self_visibility, other.field)
+            near = Neighbour(relit, np.eye(3), other.piece.place - one.piece.place, sample_directions())
+            found = _cuts_past(near, point, normal)
+            cuts += [cut for cut, _ in found]
+            weight += [share for _, share in found]
+            group += [group[-1] + 1] * len(found)
+    ends = np.cumsum([0, *(len(cut.heights) for cut in cuts)])
+    heights, values = np.concatenate([cut.heights for cut in cuts]), np.concatenate([cut.values for cut in cuts])
+    return heights, values, ends[:-1], ends[1:], np.array(group), np.array(weight)
+
+
+def _cuts_past(near: Neighbour, point: np.ndarray, normal: np.ndarray) -> list[tuple[Cuts, float]]:
+    """A body's cuts at the sample points around a vertex with their weights, or at the vertex itself."""
+    (told,) = near.reached(point, normal)
+    if told == AT_VERTEX:
+        counts, toggles = near.changes(point, normal)
+        return [(binary_cuts(np.array([0, counts[0]]), toggles, near.sampled.height), 1.0)]
+    if told != BETWEEN:
+        return []
+    numbers, weights = near.relit.field.cells(point - near.shift)
+    shares = exact_weights(weights)[0]
+    return [(near.relit.field.cuts(numbers[0, k : k + 1]), float(shares[k])) for k in np.flatnonzero(shares)]
+
+
+def _part(cuts: Cuts, number: int) -> Cuts:
+    part = slice(cuts.first[number], cuts.first[number + 1])
+    return Cuts(np.array([0, part.stop - part.start]), cuts.heights[part], cuts.values[part])
 
 
 def _speedup(pieces: tuple[PrecomputedPiece, ...], frames: int) -> float:

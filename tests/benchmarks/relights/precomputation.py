@@ -47,7 +47,8 @@ def run(*, quick: bool) -> Result:
     pieces = precomputed_furniture(vertices, plan)
     shapes = list({piece.piece.body: piece for piece in pieces}.values())
     rows = [*_directions(), *(row for piece in shapes for row in _costs(piece, plan))]
-    sizes = [_field_sizes(piece.field) for piece in shapes if piece.field is not None]
+    fields = [piece.field for piece in shapes if isinstance(piece.field, VisibilityField)]
+    sizes = [_field_sizes(field) for field in fields]
     by_height, by_index, nodes = (sum(size[k] for size in sizes) for k in range(3))
     vertex_nodes = sum(len(piece.self_visibility.heights) for piece in pieces)
     rows += list(_forms(by_height, by_index, vertex_nodes))
@@ -58,7 +59,7 @@ def run(*, quick: bool) -> Result:
         "all_height_over_index": _over(by_height, by_index, vertex_nodes, *NODE_BYTES),
         "disk_bits_per_node": 8 * sum(piece.field_cost.disk_bytes for piece in shapes if piece.field_cost) / nodes,
         "mean_cut_svc": vertex_nodes / sum(len(piece.self_visibility) for piece in pieces),
-        "mean_cut_vcf": nodes / sum(len(piece.field.shells) for piece in shapes if piece.field is not None),
+        "mean_cut_vcf": nodes / sum(len(field.shells) for field in fields),
         "precompute_s": seconds,
         "precompute_mrays_per_s": sum(cost.rays for cost in costs) / seconds / 1e6,
     }
@@ -83,7 +84,7 @@ def _costs(piece: PrecomputedPiece, plan: ShellPlan) -> Iterator[Row]:
     yield {"method": "SVC", "size": f"{name}, {len(cuts)} vertices", "mean_cut": cuts.mean_size, "rays": cost.rays,
            "time_s": cost.seconds, "mrays_per_s": cost.rays / cost.seconds / 1e6, "disk_bytes": cost.disk_bytes,
            "disk_bits_per_node": 8 * cost.disk_bytes / len(cuts.heights)}  # fmt: skip
-    if piece.field is not None and piece.field_cost is not None:
+    if isinstance(piece.field, VisibilityField) and piece.field_cost is not None:
         field, cost = piece.field, piece.field_cost
         every = len(field.shells) << field.height
         yield {"method": "VCF", "size": f"{name}, {len(field.shells)} points, {plan.spacing} spheres",

@@ -3,7 +3,7 @@
 import atexit
 import tempfile
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 from processing.lighting.cuts import Cuts
 from processing.lighting.directions import sample_directions
 from processing.lighting.field import VisibilityField
+from processing.lighting.outline import FlatOutline, flat_outline
 from processing.lighting.precomputation import Cost, cached_field, cached_self_visibility
 from processing.lighting.shells import ShellPlan
 from processing.lighting.triangle_body import TriangleBody, triangle_body
@@ -37,17 +38,17 @@ Part = tuple[Float64, Float64, Int32]
 class Piece:
     """A piece of furniture in its own frame, z upward from the floor, in metres; it stands at `place`.
 
-    The floor casts no shadows: `field` is of the others.
+    The floor is flat: its outline tells what it hides.
     """
 
     name: str
     body: TriangleBody
     place: Float64
 
-    @property
-    def casts(self) -> bool:
-        """Whether it throws shadows on the others."""
-        return self.name != "floor"
+    @cached_property
+    def outline(self) -> FlatOutline | None:
+        """What a flat piece needs in place of a field."""
+        return flat_outline(self.body)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ class PrecomputedPiece:
     piece: Piece
     self_visibility: Cuts
     cuts_cost: Cost
-    field: VisibilityField | None
+    field: VisibilityField | FlatOutline
     field_cost: Cost | None
 
 
@@ -96,8 +97,9 @@ def scratch() -> Path:
 def _precomputed(piece: Piece, plan: ShellPlan) -> PrecomputedPiece:
     sampled = sample_directions()
     cuts, cuts_cost = cached_self_visibility(piece.body, sampled, scratch())
-    field, field_cost = cached_field(piece.body, sampled, scratch(), shells=plan) if piece.casts else (None, None)
-    return PrecomputedPiece(piece, cuts, cuts_cost, field, field_cost)
+    if piece.outline is not None:
+        return PrecomputedPiece(piece, cuts, cuts_cost, piece.outline, None)
+    return PrecomputedPiece(piece, cuts, cuts_cost, *cached_field(piece.body, sampled, scratch(), shells=plan))
 
 
 def _body(part: Part) -> TriangleBody:

@@ -1,6 +1,6 @@
 """The furnished room under light: environments, materials, poses, eye.
 
-Environments are dark below the horizon, where the floor hides them: it throws no shadows of its own.
+The ground is lit in all environments: the floor has to hide it.
 """
 
 import numpy as np
@@ -11,6 +11,8 @@ from processing.products.arrays import Float64
 from processing.products.light_environment import Environment, cube_directions
 from tests.benchmarks.yardsticks.furniture import Piece
 
+_GROUND = 0.4
+
 EYE_M = np.array([2.6, -2.9, 1.9])
 
 
@@ -19,7 +21,7 @@ def sky(sun: float = 0.0) -> Environment:
     size = 64
     toward = cube_directions(size)
     up = toward[..., 2:]
-    radiance = np.where(up > 0, np.array([0.5, 0.7, 1.0]) * (1.2 - 0.7 * up), 0.0)
+    radiance = np.where(up > 0, np.array([0.5, 0.7, 1.0]) * (1.2 - 0.7 * up), _GROUND)
     place = np.unravel_index((toward @ np.array([0.4, 0.3, 0.87])).argmax(), toward.shape[:3])
     radiance[place] += sun * radiance.mean() * 6 * size**2 / 2
     return Environment(radiance.astype(np.float32))
@@ -35,7 +37,7 @@ def windows() -> Environment:
     ):  # fmt: skip
         along = toward @ (np.array(way) / np.linalg.norm(way))
         radiance[along > np.cos(np.deg2rad(half_deg))] += np.array(colour)
-    radiance[toward[..., 2] <= 0] = 0
+    radiance[toward[..., 2] <= 0] = _GROUND
     return Environment(radiance.astype(np.float32))
 
 

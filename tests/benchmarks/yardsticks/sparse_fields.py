@@ -7,32 +7,28 @@ import numpy as np
 from processing.lighting.cuts import Cuts
 from processing.lighting.directions import SampleDirections
 from processing.lighting.field import VisibilityField
-from processing.lighting.rays import Occluder
 from processing.lighting.self_visibility import self_visibility
 from processing.lighting.shells import Shells
-from processing.lighting.toggles import toggles_of
+from processing.lighting.tracing import BodyTracer, leaf_rays
 from processing.lighting.triangle_body import TriangleBody
 from processing.products.arrays import Float64
+from processing.threads import in_parts
 
 
 def field_around(body: TriangleBody, sampled: SampleDirections, shells: Shells, points: Float64) -> VisibilityField:
     """The field of a body that is traced only at the sample points around `points` (n, 3)."""
     numbers, weights = shells.cells(points)
     asked = np.unique(numbers[weights > 0])
-    occluder, changes = Occluder(body.vertices, body.triangles), []
-    for number in asked:
-        point = shells.points(number, number + 1)[0]
-        toward = body.centre - point
-        distance = float(np.linalg.norm(toward))
-        cosine = np.sqrt(1 - (body.radius / distance) ** 2) - 1e-5 if distance > body.radius else -1.0
-        inside = np.flatnonzero(sampled.directions @ toward >= cosine * distance)
-        origins = np.broadcast_to(point.astype(np.float32), (len(inside), 3)).copy()
-        visible = np.ones(len(sampled.directions), np.bool_)
-        visible[inside] = ~occluder.blocks(origins, sampled.rays[inside])
-        changes.append(toggles_of(visible))
-    counts = np.zeros(len(shells), np.int64)
-    counts[asked] = [len(change) for change in changes]
-    toggles = np.concatenate([*changes, np.zeros(0, np.uint16)])
+    tracer, leaves = BodyTracer(body), leaf_rays(sampled)
+
+    def work(start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+        some = np.concatenate([shells.points(number, number + 1) for number in asked[start:stop]])
+        counts, toggles, _ = tracer.changes(some, np.zeros_like(some), leaves)
+        return counts, toggles
+
+    counts, parts = np.zeros(len(shells), np.int64), in_parts(work, len(asked), 64)
+    counts[asked] = np.concatenate([np.zeros(0, np.int64), *(part[0] for part in parts)])
+    toggles = np.concatenate([np.zeros(0, np.uint16), *(part[1] for part in parts)])
     return VisibilityField(shells, sampled.height, np.concatenate([[0], np.cumsum(counts)]), toggles)
 
 

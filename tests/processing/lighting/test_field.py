@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from processing.lighting.directions import sample_directions
-from processing.lighting.field import _changes, trace_field
+from processing.lighting.field import trace_field
 from processing.lighting.rays import Occluder
 from processing.lighting.shells import ShellPlan
 from processing.lighting.toggles import visible_leaves
+from processing.lighting.tracing import _changes
 from processing.lighting.triangle_body import triangle_body
 from tests.processing.lighting.bodies import box, sphere, square
 

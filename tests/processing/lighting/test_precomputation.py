@@ -6,6 +6,7 @@ import pytest
 from processing.lighting import precomputation
 from processing.lighting.directions import sample_directions
 from processing.lighting.field import trace_field
+from processing.lighting.outline import FlatOutline
 from processing.lighting.precomputation import cached_field, cached_self_visibility, precompute
 from processing.lighting.self_visibility import self_visibility
 from processing.lighting.shells import ShellPlan
@@ -73,10 +74,16 @@ def test_other_inputs_are_other_files(body, tmp_path, monkeypatch):
 
 
 def test_normals_matter_to_the_vertices_alone(tmp_path):
-    vertices, triangles = square()
-    for normals in (None, np.tile([0.0, 0.6, 0.8], (4, 1))):
+    vertices, triangles = box()
+    for normals in (None, np.tile([0.0, 0.6, 0.8], (8, 1))):
         precompute(triangle_body(vertices, triangles, normals), SAMPLED, tmp_path, shells=PLAN)
     assert sorted(path.name[:3] for path in tmp_path.iterdir()) == ["svc", "svc", "vcf"]
+
+
+def test_a_flat_body_has_an_outline_and_no_field(tmp_path):
+    made = precompute(triangle_body(*square()), SAMPLED, tmp_path, shells=PLAN)
+    assert isinstance(made.field, FlatOutline)
+    assert [path.name[:3] for path in tmp_path.iterdir()] == ["svc"]
 
 
 @pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b[:99] + b"\0" * 64 + b[163:]])

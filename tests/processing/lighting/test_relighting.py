@@ -8,6 +8,8 @@ from processing.lighting.brdfs import blinn_phong, lambert
 from processing.lighting.directions import sample_directions
 from processing.lighting.field import trace_field
 from processing.lighting.light import EnvironmentLight
+from processing.lighting.outline import FlatOutline, flat_outline
+from processing.lighting.rays import Occluder
 from processing.lighting.relighting import Relighting
 from processing.lighting.self_visibility import self_visibility
 from processing.lighting.shells import ShellPlan
@@ -36,8 +38,8 @@ def relit(vertices, triangles, casts=True):
     body = triangle_body(vertices, triangles)
     cuts, _ = self_visibility(body, SAMPLED, 0.01)
     plan = ShellPlan(4, nearest=0.3, farthest=6)
-    field = trace_field(body, SAMPLED, plan.around(body.centre, body.radius))[0] if casts else None
-    return RelitBody(body, cuts, field)
+    field = flat_outline(body) or trace_field(body, SAMPLED, plan.around(body.centre, body.radius))[0]
+    return RelitBody(body, cuts, field if casts else None)
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +93,50 @@ def test_it_is_the_sum_over_the_leaves(bodies, turned):
     made = scene(bodies, poses)
     made.turn_light(TURN)
     assert np.allclose(made.frame().radiance, by_leaves(bodies, poses, WHITE), rtol=0, atol=3e-4)
+
+
+def traced(bodies, poses):
+    """All vertices of white bodies, every leaf's ray traced."""
+    vertices = [b.body.vertices @ p[:3, :3].T + p[:3, 3] for b, p in zip(bodies, poses, strict=True)]
+    shift = np.cumsum([0, *(len(v) for v in vertices)])
+    triangles = np.concatenate([b.body.triangles + s for b, s in zip(bodies, shift, strict=False)])
+    occluder, found = Occluder(np.concatenate(vertices), triangles), []
+    for body, where in zip(bodies, poses, strict=True):
+        light = EnvironmentLight(SKY, SAMPLED).turned(where[:3, :3].T).values
+        rays = (SAMPLED.directions @ where[:3, :3].T).astype(np.float32)
+        for origin, normal in zip(body.body.origins, body.body.normals, strict=True):
+            start = (where[:3, :3] @ origin + where[:3, 3]).astype(np.float32)
+            free = ~occluder.blocks(np.broadcast_to(start, rays.shape).copy(), rays)
+            found.append((free * np.maximum(SAMPLED.directions @ normal, 0)) @ light * 0.8 / np.pi)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("turned", [None, TURN.T])
+def test_vertices_that_are_all_but_touched_are_as_traced(turned):
+    """A ball a hundredth above a plate: the plate is dark, whatever the sample points around it see."""
+    plate, ball = relit(*square(0.1), casts=False), relit(*sphere(6, 0.7))
+    poses = [pose((0, 0, 0)), pose((0, 0, 0.71), turned)]
+    found, expected = scene([plate, ball], poses).frame().radiance, traced([plate, ball], poses)
+    own = len(plate.body.vertices)
+    assert expected[:own].max() < 0.15  # under a free sky it would be 0.8
+    assert np.abs(found[:own] - expected[:own]).max() < 0.01
+
+
+def test_a_floor_hides_the_ground():
+    """Flat bodies need no field: what is near, beyond and across their edge is as traced."""
+    floor, block = relit(*square(3.0)), relit(*box())
+    assert isinstance(floor.field, FlatOutline)
+    poses = [pose((0, 0, 0)), pose((1.3, 0.2, 0.55), TURN)]
+    found, expected = scene([floor, block], poses).frame().radiance, traced([floor, block], poses)
+    assert np.abs(found[4:] - expected[4:]).max() < 0.02 * expected.max()
+
+
+def test_bodies_that_move_together_stay_as_they_were(bodies):
+    made = scene(bodies)
+    made.frame()
+    for number, where in enumerate(POSES):
+        made.move(number, pose((0.5, 0, 0)) @ where)
+    assert made.frame().recomputed == (0, 0, made.first[-1])
 
 
 def test_a_sharp_lobe_is_as_the_leaves_say(bodies):

@@ -150,13 +150,13 @@ class RelitView:
         return self._panorama[1]
 
 
-def open_relit_view(meshes: Sequence[Mesh], supersampling: int = 2) -> RelitView | RelitReference:
-    """By OpenGL, or by the NumPy reference with one warning in the log where no OpenGL can be had."""
+def open_relit_view(meshes: Sequence[Mesh]) -> RelitView | RelitReference:
+    """By OpenGL, or, where none can be had, by the NumPy reference: a sample to a pixel, and a warning in the log."""
     try:
-        return RelitView(meshes, supersampling)
+        return RelitView(meshes)
     except GlUnavailableError as error:
         _log.warning("%s. The NumPy reference draws instead.", error)
-        return RelitReference(meshes, supersampling)
+        return RelitReference(meshes, supersampling=1)
 
 
 def _box(positions: Rows) -> Float64:

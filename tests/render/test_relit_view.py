@@ -1,6 +1,10 @@
 """Bodies by the radiance of their vertices: OpenGL and NumPy draw alike; what `visible` leaves out shows nowhere."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +18,7 @@ from render.relit_reference import RelitReference
 from render.relit_view import RelitView
 from render.shapes import sphere, torus
 
+ROOT = Path(__file__).parents[2]
 SIZE = (61, 44)
 SEEDS = range(6)
 
@@ -229,6 +234,33 @@ def test_bodies_move_by_their_poses_alone(views, radiance):
     one = views[0].draw(camera, poses, radiance)
     two = views[0].draw(other, [moved @ pose for pose in poses], radiance)
     assert (np.abs(one.radiance - two.radiance).max(axis=2) > 1e-3).mean() < 0.01
+
+
+PROGRAM = """
+import logging, sys
+logging.basicConfig(format="%(levelname)s %(message)s", stream=sys.stderr)
+import numpy as np
+from render.relit_view import open_relit_view
+from render.scene import framed
+from render.shapes import plane
+
+mesh = plane()
+view = open_relit_view([mesh])
+camera = framed(mesh, (24, 16), azimuth_rad=0.3, elevation_rad=0.8)
+picture = view.draw(camera, [np.eye(4)], np.ones((4, 3), np.float32))
+print(view.name, view.visible(camera, [np.eye(4)]).tolist(), set(picture.coverage.ravel().tolist()))
+"""
+
+
+def test_without_opengl_the_reference_draws_after_one_notice():
+    without = os.environ | {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"}
+    program = [sys.executable, "-c", PROGRAM]
+    ran = subprocess.run(program, cwd=ROOT, env=without, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout == "NumPy reference [0, 1, 2, 3] {0.0, 1.0}\n"
+    notices = [line for line in ran.stderr.splitlines() if line.startswith("WARNING no OpenGL")]
+    assert len(notices) == 1
+    assert notices[0].endswith("The NumPy reference draws instead.")
 
 
 def test_what_cannot_be_drawn_is_refused_with_the_reason(views, meshes, radiance):

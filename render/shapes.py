@@ -1,4 +1,4 @@
-"""Meshes without a file: sphere, plane, torus, cylinder, knot, vase and statue, with the frames of the smooth surface.
+"""Meshes without a file: sphere, plane, box, torus, cylinder, knot, vase, statue, with frames of the smooth surface.
 
 Those whose `_surface` is public can be had as the smooth surface itself, to move it or to put something else on it.
 """
@@ -73,6 +73,19 @@ def plane_surface(side: float = 2.0) -> Surface:
         return positions, np.column_stack([zeros, zeros, ones]), np.column_stack([ones, zeros, zeros])
 
     return surface
+
+
+def box() -> Mesh:
+    """A cube of side 1 about the origin; each face has vertices of its own and shows the texture once."""
+    faces = []
+    for axis in range(3):
+        for side in (1.0, -1.0):
+            normal, along = np.zeros(3), np.zeros(3)
+            normal[axis], along[(axis + 1) % 3] = side, side
+            pose = np.eye(4)
+            pose[:3] = np.column_stack([along, np.cross(normal, along), normal, 0.5 * normal])
+            faces.append(grid_mesh(placed(plane_surface(1.0), pose), (1, 1), (1.0, 1.0)))
+    return joined(faces)
 
 
 def torus(

@@ -234,13 +234,14 @@ def serve(
     rig: RigOption = DEFAULT_RIG,
     simulated: SimulatedOption = False,
     sessions: Annotated[Path, typer.Option(help="Folder of the sessions.")] = Path("sessions"),
+    scenes: Annotated[Path, typer.Option(help="Folder of scenes to relight, and of environments.")] = Path("scenes"),
     port: Annotated[int, typer.Option(help="Port on the loopback address.", min=1, max=65535)] = 8100,
 ) -> None:
     """Serve REST and the start page on the loopback address, for one rig."""
     from service.server import serve as run_server
 
     with reported_errors(), rig_at_hand(rig, simulated) as (config, _):
-        run_server(config, sessions, port)
+        run_server(config, sessions, scenes, port)
 
 
 def _resume(session: Session, config: RigConfig, operator: Operator) -> RunReport:

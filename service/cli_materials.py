@@ -197,6 +197,38 @@ def rti(
 
 
 @materials.command()
+def relight(
+    scene: Annotated[Path, typer.Argument(help="A scene (.toml), such as docs/scenes/room.toml.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Picture (.png, .jpg), or moving light (.webp, .gif, .apng).")
+    ],
+    size: Annotated[str, typer.Option(metavar="WIDTH,HEIGHT", help="Pixels of the picture.")] = "720,480",
+    light_azimuth_deg: Annotated[
+        float | None, typer.Option(help="By how much the light is turned, +X toward +Y; else as the scene says.")
+    ] = None,
+    move: Annotated[
+        str, typer.Option(metavar="BODY,X,Y", help="Put a body there (mm); in a moving picture it goes there and back.")
+    ] = "",
+    frames: Annotated[int, typer.Option(help="Of a moving picture.", min=2, max=1000)] = 24,
+    precomputed: Annotated[
+        Path, typer.Option(help="Folder that keeps what was computed once; it may be deleted.")
+    ] = Path("precomputed"),
+) -> None:
+    """Light a scene of bodies by the light of a place: with shadows, from all around, as a picture or moving.
+
+    The scene names meshes, materials (also captured ones), an environment (`rig environment` makes one) and a camera.
+    What each vertex sees of the light, and what each body hides of it, is computed once and kept by content: the first
+    picture takes seconds to minutes, later ones a moment, whatever moves or turns. docs/design-the-light.md
+    """
+    from service.relit_drawing import Wanted, draw_scene
+
+    with reported_errors(), ConsoleProgress() as progress:
+        wanted = Wanted(size, light_azimuth_deg, move, frames)
+        for line in draw_scene(scene, out, precomputed, wanted, progress):
+            tell(line)
+
+
+@materials.command()
 def environment(
     sources: Annotated[
         list[Path],

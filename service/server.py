@@ -16,9 +16,9 @@ from service.console import tell
 HOST = "127.0.0.1"
 
 
-def serve(config: RigConfig, sessions: Path, port: int) -> None:
+def serve(config: RigConfig, sessions: Path, scenes: Path, port: int) -> None:
     """Serve until Ctrl-C or SIGTERM; sessions that run are stopped safely first. Raises BusyError for a taken port."""
-    app = create_app(config, sessions)
+    app = create_app(config, sessions, scenes)
     with _listener(port) as listener:
         tell(f"Start page: http://{HOST}:{port}/   REST: http://{HOST}:{port}/api/v1/docs   Ctrl-C ends.")
         server = uvicorn.Server(uvicorn.Config(app, log_level="warning"))

@@ -40,7 +40,7 @@ def list_files(session_id: str, host: Host) -> list[str]:
 @router.get("/{name}/picture.png", response_class=Response)
 def draw_picture(session_id: str, name: str, look: Annotated[Look, Query()], host: Host) -> Response:
     """A product as a picture: a material on a shape under one light, or what was measured."""
-    product = _file(session_id, f"{name}/product.json", host).parent
+    product = product_file(session_id, f"{name}/product.json", host).parent
     lights = lights_of(look.azimuth_deg, look.elevation_deg, None)
     with _drawing, TemporaryDirectory() as folder:
         picture = Path(folder) / "picture.png"
@@ -51,14 +51,14 @@ def draw_picture(session_id: str, name: str, look: Annotated[Look, Query()], hos
 @router.get("/{path:path}", response_class=FileResponse)
 def read_file(session_id: str, path: str, host: Host) -> FileResponse:
     """One file of a product, pictures among them."""
-    return FileResponse(_file(session_id, path, host))
+    return FileResponse(product_file(session_id, path, host))
 
 
 def _products(session_id: str, host: SessionHost) -> Path:
     return (host.folder_of(session_id) / "products").resolve()
 
 
-def _file(session_id: str, path: str, host: SessionHost) -> Path:
+def product_file(session_id: str, path: str, host: SessionHost) -> Path:
     """A file of the products. Raises NotFoundError for what is none, and for what leads out of them."""
     root = _products(session_id, host)
     with suppress(OSError, ValueError):  # no name of a file: too long, or with a zero in it

@@ -16,7 +16,7 @@ from processing.svd import BtfRows, factor_btf
 
 _SAME_VIEW = np.cos(np.radians(1.0))  # a camera that was calibrated twice is found again within less
 _SHOWN = 3  # views that an error names
-_TERMS = 12  # grey eigenmaps: the bytes and the look-ups of the paper's four coloured ones, with less error
+_TERMS = 8  # coloured eigenmaps, twice the paper's: grey ones lose the hues of a weave, whose texels differ in them
 # What a neighbouring view says of a hole over what a neighbouring texel says: the same point of the texels' plane is
 # nearly the same point of the surface. At 10 the squared error no longer falls (weave and peanut, seed 2).
 _VIEWS_SHARE = 10.0
@@ -26,8 +26,8 @@ _VIEWS_SHARE = 10.0
 class Joined:
     """The material, which share of its depths no laser reached: these are guesses, and what its eigenmaps leave.
 
-    `error` is the root of their squared error over the BTF's sum of squares, with the light's cosine and glints as
-    white, before rounding.
+    `error` is the root of their squared error over the sum of squares, each texel over what it shows in the mean (see
+    `factor_btf`), before rounding.
     """
 
     mesostructure: Mesostructure
@@ -38,10 +38,10 @@ class Joined:
 def mesostructure_from(btf: BtfRows, mdf: Mdf, provenance: Provenance | None = None) -> Joined:
     """Depths of the BTF's views from an MDF of the same square, whose texels lie on the plane of the BTF's.
 
-    The BTF, its glints no brighter than white, becomes twelve grey eigenmaps in bytes, fewer where its views do not
-    offer as many. A depth is D times its
-    ray's cosine, in sides of the square, over one scale for a byte; what was measured above the reference plane lies
-    on it. Holes become the smooth surface over texels and views that ends at what was measured.
+    The BTF, its glints no brighter than white, becomes eight coloured eigenmaps in bytes, fewer where it has fewer
+    views. A depth is D times its ray's cosine, in sides of the square, over one scale for a byte; what was measured
+    above the reference plane lies on it. Holes become the smooth surface over texels and views that ends at what was
+    measured.
     Raises ImageError where the texels differ, nothing was measured, or a view of the BTF is none of the MDF.
     """
     _check_texels(btf, mdf)
@@ -53,8 +53,8 @@ def mesostructure_from(btf: BtfRows, mdf: Mdf, provenance: Provenance | None = N
     whole = filled(depth, views)
     step = float(whole.max()) / 255 or 1.0
     codes = np.rint(whole / step).astype(np.uint8)
-    terms = min(_TERMS, btf.shape[1] * btf.shape[4])
-    factors = factor_btf(btf, terms, "grey", white_of(btf))
+    terms = min(_TERMS, btf.shape[1])
+    factors = factor_btf(btf, terms, "colour", white_of(btf))
     coded = factors.btf.coded(np.uint8)
     made = Mesostructure(coded, codes, step, views, mdf.plane_m / mdf.side_m, provenance or Provenance())
     return Joined(made, float(holes.mean()), factors.relative_rmse(terms))

@@ -25,6 +25,7 @@ from processing.products.btf import Block
 _PASSES = 3  # of the iteration
 _PART = 1 << 19  # samples: 4 MiB in float64
 _SPARE = 10  # functions beyond those that are kept
+_DARK = 0.025  # of white: half a step of the eye's lightness; errors in what is darker count no more
 
 Colour = Literal["colour", "grey"]
 
@@ -110,7 +111,9 @@ def factor_btf(btf: BtfRows, rank: int, colour: Colour = "colour", white: float 
     Each weight vector has length 1. A light under the horizon has no say in which terms these are.
     Grey maps serve all channels, whose weights differ: a third of the bytes and of the look-ups for as many terms. The
     sign of a term is that which makes its weights sum to 0 or more. Source: Eckart and Young 1936.
-    Reflectance that is brighter than `white` with the light's cosine, 1/sr, counts as that.
+    Where `white` is told, 1/sr, terms are those of pictures exposed so: what is brighter with the light's cosine counts
+    as that, and errors count over what a texel shows in the mean over the views plus a fortieth of white, for the eye
+    sees ratios. Singular values are then of what is so weighed.
     Raises ImageError for a rank that the views do not offer.
     """
     lights, views, height, width, channels = btf.shape
@@ -192,16 +195,25 @@ def _gram(btf: BtfRows, shared: int, white: float) -> tuple[Float64, int]:
     columns = btf.shape[1] * shared
     gram, missing = np.zeros((columns, columns)), 0
     cosines = np.maximum(btf.light_directions[:, 2], 0.0)
+    texel = 1 if shared > 1 else btf.shape[4]
     for light, _, matrix in _matrices(btf, shared, white):
-        exact = matrix.astype(np.float64)
-        products = exact @ exact.T
+        products = _products(matrix, texel, cosines[light], white)
         if not np.isfinite(products.trace()):
             filled, count = _filled(matrix)
-            exact = filled.astype(np.float64)
-            products = exact @ exact.T
+            products = _products(filled, texel, cosines[light], white)
             missing += count
-        gram += cosines[light] ** 2 * products
+        gram += products
     return gram, missing
+
+
+def _products(matrix: Float32, texel: int, cosine: float, white: float) -> Float64:
+    """Sums of products of the matrix's rows times the light's cosine; `texel` columns in turn are of one texel."""
+    exact = matrix.astype(np.float64)
+    if math.isinf(white):
+        return np.asarray(cosine**2 * (exact @ exact.T))
+    shown = np.maximum(exact.mean(axis=0).reshape(-1, texel).mean(axis=1), 0.0)
+    exact *= np.repeat(cosine / np.maximum(cosine * shown + _DARK * white, np.finfo(np.float64).tiny), texel)
+    return np.asarray(exact @ exact.T)
 
 
 def _filled(matrix: Float32) -> tuple[Float32, int]:

@@ -28,7 +28,8 @@ def join_sessions(btf_session: Path, mdf_session: Path, out: Path) -> Iterator[s
     yield f"{views} views of {width} x {height} texels, at most {made.deepest * side_mm:.3g} mm deep"
     doubt = ": lasers from more sides, or higher, would see more" if joined.filled > _GUESSED else ""
     yield f"{joined.filled:.1%} of the depths were not measured and are filled from their neighbours{doubt}"
-    yield f"{len(made.btf.weights)} grey eigenmaps leave {joined.error:.1%} of the BTF's rms, with the light's cosine"
+    left = f"{joined.error:.1%} of what the BTF shows, rms over each texel's mean"
+    yield f"{len(made.btf.weights)} eigenmaps leave {left}"
     sizes = f"{made.btf.nbytes / 1e6:.3g} MB of eigenmaps and {made.depths.nbytes / 1e6:.3g} MB of depths"
     yield f"{out}: {sizes}; `rig preview {out} --shape torus` draws it"
 

@@ -1,7 +1,7 @@
 """Frames of a BTF with depths: their cost over the plain BTF's, and how far OpenGL is from NumPy.
 
 Frames of 800 x 600 of the paper's scenes under one light, drawn in turns by one renderer: the plain BTF, with
-silhouettes, and with silhouettes and shadows, all of the grey terms in bytes that are the default of joined materials.
+silhouettes, and with silhouettes and shadows, all of the terms in bytes that are the default of joined materials.
 The light turns a little from frame to frame, so that shadow maps are drawn each time; another row has shadows under a
 light at rest, whose map is kept. As in Table 2 of Wang et al. 2005, two layers are peeled; of a software
 rasteriser the processor's time counts. Figures are of the worst scene. `peels_used_mean` is how many layers there are

@@ -59,6 +59,7 @@ class RelightingSession:
         self._listeners: set[Listener] = set()
         self._newcomers = False
         self._end: str | None = None
+        self._last_word: Told | None = None
         self._problem: dict[str, str] | None = None
         self._standing: dict[str, Any] = {}
         self._news = threading.Condition()
@@ -93,9 +94,11 @@ class RelightingSession:
             self._news.notify_all()
 
     def listen(self, listener: Listener) -> None:
-        """Hear of everything from now on, beginning with the scene as it stands."""
+        """Hear of everything from now on, beginning with the scene as it stands; of one that has ended, why."""
         with self._news:
             self._listeners.add(listener)
+            if self._last_word is not None:
+                listener(self._last_word)
             self._newcomers, self._heard_s = True, time.monotonic()
             self._news.notify_all()
 
@@ -132,7 +135,10 @@ class RelightingSession:
             self._say({"kind": "problem", **self._problem})
         self.state = "ended" if self._problem is None else "failed"
         self._jobs.cancel(self.job)
-        self._say({"kind": "end", "reason": self._end})
+        with self._news:
+            self._last_word = Told({"kind": "end", "reason": self._end})
+            for listener in self._listeners:
+                listener(self._last_word)
 
     def _precomputed(self) -> list[RelitBody]:
         """Wait for the job and tell how far it is. Raises its error, and CancelledError where the end comes first."""

@@ -107,8 +107,6 @@ def _hear(text: str, session: RelightingSession, outbox: "_Outbox") -> None:
 async def _send(socket: WebSocket, session: RelightingSession, outbox: "_Outbox") -> None:
     """Send what there is; close after the end."""
     await socket.send_json({"kind": "hello", **session.describe()})
-    if not session.alive:
-        outbox.put(Told({"kind": "end", "reason": "it has ended"}))
     while True:
         for told in await outbox.take():
             await socket.send_json(told.message)

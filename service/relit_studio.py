@@ -20,6 +20,7 @@ from processing.products.arrays import Float32, Float64
 from processing.progress import Progress
 from render.picture import LUMINANCE, Srgb8
 from render.relit_view import open_relit_view
+from service.relit_on_card import open_cached_frame
 from service.relit_scene import Orbit, Place, RelitScene, SceneBody
 
 Item = TypeVar("Item")
@@ -66,7 +67,9 @@ class Studio:
         self.environment = next(iter(scene.environments))
         self.light_azimuth_rad = scene.light_azimuth_rad
         self._numbers = {body.name: number for number, body in enumerate(scene.bodies)}
-        self._relighting = Relighting(bodies, directions_of(scene), scene.environments[self.environment])
+        self._cached_frame = open_cached_frame()
+        light = scene.environments[self.environment]
+        self._relighting = Relighting(bodies, directions_of(scene), light, self._cached_frame)
         self._radiance: Float32 = np.zeros((int(self._relighting.first[-1]), 3), np.float32)
         self.turn_light(scene.light_azimuth_rad)
         for body in scene.bodies:
@@ -122,6 +125,7 @@ class Studio:
     def close(self) -> None:
         """Give the graphics library's memory back."""
         self._view.release()
+        self._cached_frame.release()
 
     def __enter__(self) -> Self:
         return self

@@ -41,9 +41,9 @@ def run(*, quick: bool) -> Result:
         return Result({}, [{"method": "OpenGL", "note": str(error)}])
 
 
-def usual_camera(size: tuple[int, int] = SIZE) -> Camera:
-    """The room from the eye's usual place."""
-    return look_at(EYE_M, (0.0, -0.1, 0.35), size, field_of_view_rad=0.8)
+def usual_camera(size: tuple[int, int] = SIZE, step: int = 0) -> Camera:
+    """The room from the eye's usual place, or some centimetres higher."""
+    return look_at(EYE_M + [0.0, 0.0, 0.01 * step], (0.0, -0.1, 0.35), size, field_of_view_rad=0.8)
 
 
 def _pictures(pieces: tuple[Piece, ...], repeats: int) -> list[Row]:
@@ -55,7 +55,7 @@ def _pictures(pieces: tuple[Piece, ...], repeats: int) -> list[Row]:
     known: Row = {"size": f"{count} vertices, {SIZE[0]} x {SIZE[1]}", "renderer": view.name}
     rows = [
         {"method": "IDs of triangles", **known, "visible_share": len(visible) / count}
-        | _timed(lambda k: view.visible(camera, where), repeats),
+        | _timed(lambda k: view.visible(usual_camera(step=k + 1), where), repeats),
         {"method": "picture", **known} | _timed(lambda k: view.draw(camera, where, radiance), repeats),
     ]
     view.release()

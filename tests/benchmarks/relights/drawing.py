@@ -43,7 +43,7 @@ def run(*, quick: bool) -> Result:
 
 def usual_camera(size: tuple[int, int] = SIZE, step: int = 0) -> Camera:
     """The room from the eye's usual place, or some centimetres higher."""
-    return look_at(EYE_M + [0.0, 0.0, 0.01 * step], (0.0, -0.1, 0.35), size, field_of_view_rad=0.8)
+    return look_at(EYE_M + np.array([0.0, 0.0, 0.01 * step]), (0.0, -0.1, 0.35), size, field_of_view_rad=0.8)
 
 
 def _pictures(pieces: tuple[Piece, ...], repeats: int) -> list[Row]:

@@ -7,7 +7,7 @@ from render.arrays import Float64, Int32, Rows, unit
 from render.errors import MeshError
 from render.mesh import Mesh, perpendicular
 
-MOST_VERTICES = 2_000_000
+MOST_VERTICES = 500_000
 # Of a triangle with corners 0 1 2 and middles 3 4 5 of its edges 01 12 20, by which edges are halved (bits).
 _PARTS: dict[int, list[tuple[int, int, int]]] = {
     0: [(0, 1, 2)],
@@ -32,16 +32,22 @@ def subdivided(mesh: Mesh, longest: float) -> Mesh:
     """The same surface (without `map_from_world`) with no edge longer than this, its frames interpolated.
 
     Longer edges are halved, in all their triangles at once, so that no gaps open. Raises MeshError where that takes
-    more than two million vertices.
+    more than half a million vertices.
     """
-    while True:
+    while _least_vertices(mesh, longest) <= MOST_VERTICES:
         corners = mesh.positions[mesh.triangles]
         long = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2) > longest
         if not long.any():
             return mesh
-        if len(mesh.positions) + int(long.sum()) > 2 * MOST_VERTICES:
-            raise MeshError(f"edges of at most {longest:g} need more than {MOST_VERTICES} vertices; allow longer ones")
         mesh = _halved(mesh, long)
+    raise MeshError(f"edges of at most {longest:g} need more than {MOST_VERTICES} vertices; allow longer ones")
+
+
+def _least_vertices(mesh: Mesh, longest: float) -> float:
+    """Half as many as equilateral triangles that cover the surface, or those that there are."""
+    one, two, three = (mesh.positions[mesh.triangles[:, corner]] for corner in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(two - one, three - one), axis=1).sum()
+    return max(float(area / (np.sqrt(3) / 4 * longest**2) / 2), float(len(mesh.positions)))
 
 
 def _halved(mesh: Mesh, long: NDArray[np.bool_]) -> Mesh:

@@ -9,7 +9,7 @@ const stock = {
   "steel": {kind: "ward", diffuse: [.02, .02, .02], specular: [.55, .56, .58], roughness: [.2, .2]},
 };
 const shelf = "from the shelf: ", captured = ["srf", "sbrdf_plus"], lightLost = 4004;
-let relighting = null, lightSocket = null, scenery = null, awaited = null, drawn = 0, numbered = 0, dragging = null;
+let relighting = null, lightSocket = null, scenery = null, about = "", awaited = null, drawn = 0, numbered = 0, dragging = null;
 
 const degrees = angle => (((angle + 180) % 360) + 360) % 360 - 180;
 const radians = angle => angle * Math.PI / 180;
@@ -77,7 +77,9 @@ function followRelighting(number) {
   };
 }
 function tellLight(change, rough = false) {
-  if (lightSocket && lightSocket.readyState === WebSocket.OPEN) lightSocket.send(JSON.stringify({...change, rough}));
+  if (!lightSocket || lightSocket.readyState !== WebSocket.OPEN) return;
+  if (at("light-status").className) lightStatus(about);  // what was wrong before
+  lightSocket.send(JSON.stringify({...change, rough}));
 }
 
 function hear(message) {
@@ -107,7 +109,8 @@ function meet(message) {
   fill(at("body"), [["", message.bodies.map(name => [name])]]);
   at("body").value = message.bodies.includes(body) ? body : message.bodies.at(-1);
   fill(at("material"), [["Of the scene", message.materials.map(name => [name])], ["From the shelf", Object.keys(stock).map(name => [shelf + name, name])]]);
-  lightStatus([`${message.title}, drawn by ${message.standing.drawn_by}.`, ...message.doubts].join("\n"));
+  about = [`${message.title}, drawn by ${message.standing.drawn_by}.`, ...message.doubts].join("\n");
+  lightStatus(about);
   scenery = message.standing;
   showStanding();
 }

@@ -50,10 +50,11 @@ def _measured() -> Brdf:
 BRDFS = {
     "Lambert": lambert(COLOUR),
     "Blinn-Phong": blinn_phong(COLOUR, WHITE, 30.0),
-    "sharp Blinn-Phong": blinn_phong(COLOUR, WHITE, 3000.0),
+    "sharp Blinn-Phong": blinn_phong(COLOUR, WHITE, 1e5),
     "Ward": ward(COLOUR, WHITE, (0.3, 0.15)),
+    "sharp Ward": ward(COLOUR, WHITE, (0.01, 0.01)),
     "GGX": ggx(COLOUR, WHITE, 0.4),
-    "smooth GGX": ggx(COLOUR, WHITE, 0.15),
+    "smooth GGX": ggx(COLOUR, WHITE, 0.1),
     "table": _measured(),
     "Lafortune": _lobes(),
     "SRF": _srf(),

@@ -54,7 +54,7 @@ BRDFS = {
     "Ward": ward(COLOUR, WHITE, (0.3, 0.15)),
     "sharp Ward": ward(COLOUR, WHITE, (0.01, 0.01)),
     "GGX": ggx(COLOUR, WHITE, 0.4),
-    "smooth GGX": ggx(COLOUR, WHITE, 0.1),
+    "smooth GGX": ggx(COLOUR, WHITE, 0.15),
     "table": _measured(),
     "Lafortune": _lobes(),
     "SRF": _srf(),

@@ -157,7 +157,7 @@ class RelightingSession:
         return self._bodies.result()
 
     def _serve(self, studio: Studio) -> None:
-        self.state, self._standing = "ready", standing(studio)
+        self.state, self._standing, self._heard_s = "ready", standing(studio), time.monotonic()
         self._say({"kind": "ready", **self.describe()})
         rough = False
         while (changes := self._next(rough)) is not None:

@@ -9,7 +9,7 @@ from processing.lighting.cached_kernel import frame_in_threads
 from processing.lighting.directions import HEIGHT
 from processing.lighting.kept_steps import KeptSteps
 from processing.lighting.lobe_heights import HIGHEST
-from processing.lighting.moving_kernel import Surface
+from processing.lighting.lobe_nodes import Surface
 from processing.products.arrays import Float32, Float64
 from render import cached_frame
 from render.context import is_software

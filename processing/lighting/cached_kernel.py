@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.lighting.kept_steps import KeptSteps
-from processing.lighting.moving_kernel import Steps, Surface, room_for_nodes, write_nodes
+from processing.lighting.lobe_nodes import Surface, room_for_nodes, write_nodes
+from processing.lighting.moving_kernel import Steps
 from processing.products.arrays import Float32, Float64
 from processing.threads import in_parts
 
@@ -39,7 +40,7 @@ def frame_in_threads(kept: KeptSteps, vertices: NDArray[np.int64], surface: Surf
 def cached_frame(steps: Steps, surface: Surface, sums: Float64, radiance: Float32) -> None:
     """Write the radiance (n, 3) of vertices; `sums` (leaves + 1, 4) are the light's before each leaf."""
     leaves = len(sums) - 1
-    nodes = room_for_nodes(leaves)
+    nodes = room_for_nodes(leaves, surface.heights)
     node_start, node_f = nodes.start, nodes.value
     for i in range(len(radiance)):
         if surface.kind == 0:

@@ -10,6 +10,7 @@ from processing.products.arrays import Float64
 
 BINS = 256  # of sqrt(1 - N.H), the half angle's half sine but for a factor
 HIGHEST = 8  # 256 directions, 14 deg across: the cosine and what moves at the horizon bend the rest
+_GRAZING_RAD = 1.3  # half angles from there, where light and eye are low on one side, are as those before
 _TOLERANCE = 0.03  # of the lobe's mean over the node
 
 
@@ -18,7 +19,7 @@ def node_heights(profile: Callable[[Float64], Float64]) -> NDArray[np.uint8]:
 
     A node of angular radius r moves the half vector by about r / 2. It may stand where, anywhere within r of it, the
     mean of the lobe over +-r / 2 differs from its middle by no more than a share of what is there, or of a thousandth
-    of the peak.
+    of the peak; and closer to the peak no node is higher than further off.
     """
     angles = np.arccos(1 - (np.arange(BINS) / (BINS - 1)) ** 2)
     found = np.zeros(BINS, np.uint8)
@@ -33,4 +34,5 @@ def node_heights(profile: Callable[[Float64], Float64]) -> NDArray[np.uint8]:
         low, high = (np.searchsorted(fine, angles + side * radius / 2) for side in (-1, 1))
         serves = wrong[np.minimum(high, len(fine))] == wrong[low]
         found = np.where((found == 0) & serves, np.uint8(height), found)
-    return np.asarray(found, np.uint8)
+    found[angles > _GRAZING_RAD] = found[angles <= _GRAZING_RAD][-1]
+    return np.asarray(np.minimum.accumulate(found[::-1])[::-1], np.uint8)

@@ -13,14 +13,10 @@ import numpy as np
 from numba.cpython.unsafe.numbers import trailing_zeros
 from numpy.typing import NDArray
 
-from processing.lighting.brdfs import evaluate
-from processing.lighting.cuts import trailing_zeros as ends_with
-from processing.lighting.directions import HEIGHT
-from processing.lighting.lobe_heights import BINS, HIGHEST
+from processing.lighting.lobe_nodes import Nodes, Surface, room_for_nodes, write_nodes
 from processing.lighting.shadow_kernel import Scratch, Shadows, mark, mark_shadows, scratch_for
-from processing.products.arrays import Float32, Float64, Int32
+from processing.products.arrays import Float32, Float64
 
-UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
 UInt64 = NDArray[np.uint64]
 Int64 = NDArray[np.int64]
@@ -28,7 +24,6 @@ Int64 = NDArray[np.int64]
 _first_bit: Any = trailing_zeros  # an intrinsic of numba's, which only compiled code calls
 
 _TOLERANCE = 0.004  # of the clustering of products that are kept: half of that of the cuts themselves
-_LOWEST = 1e-3  # cosine to the horizon of an eye or a node's middle that lies under it
 
 
 class Steps(NamedTuple):
@@ -43,32 +38,12 @@ class Steps(NamedTuple):
     value: Float32
 
 
-class Nodes(NamedTuple):
-    """First leaves of nodes, that behind the last one too, and the reflectance (k, 3) toward the eye from each."""
-
-    start: Int32
-    value: Float64
-
-
-class Surface(NamedTuple):
-    """What light leaves toward the eye: `lit` and `seen` (n, 3) are normals and directions to the eye, in the frame of
-    the leaves, whose nodes have the mean directions `means` (2 leaves, 3), node k of height h at leaves / 2^h + k."""
-
-    lit: Float64
-    seen: Float64
-    kind: int
-    parameters: Float64
-    table: Float64
-    heights: UInt8
-    means: Float32
-
-
 @numba.njit(nogil=True, cache=True)
 def moving_frame(steps: Steps, shadows: Shadows, surface: Surface, sums: Float64, radiance: Float32) -> None:
     """Write the radiance (n, 3) of vertices; `sums` (leaves + 1, 4) are the light's before each leaf."""
     leaves = len(sums) - 1
     scratch = scratch_for(shadows, leaves)
-    nodes = room_for_nodes(leaves)
+    nodes = room_for_nodes(leaves, surface.heights)
     for i in range(len(radiance)):
         active = mark_shadows(i, shadows, scratch)
         for k in range(write_nodes(surface, i, nodes)):
@@ -102,57 +77,6 @@ def _longer(array: NDArray[Any], room: int) -> NDArray[Any]:
     found = np.empty(2 * len(array) + room, array.dtype)
     found[: len(array)] = array
     return found
-
-
-@numba.njit(nogil=True, cache=True)
-def room_for_nodes(leaves: int) -> Nodes:
-    """As many as leaves, not filled."""
-    return Nodes(np.empty(leaves + 1, np.int32), np.empty((leaves, 3)))
-
-
-@numba.njit(nogil=True, cache=True)
-def write_nodes(surface: Surface, i: int, found: Nodes) -> int:
-    """Write the nodes over which one value of the reflectance serves, and return how many.
-
-    Light or eye that lies under the horizon is taken as just above it: a node's middle may where a part of it is not.
-    """
-    start, value = found.start, found.value
-    leaves = len(surface.means) // 2
-    start[0] = 0
-    if surface.kind == 0:
-        value[0, 0], value[0, 1], value[0, 2] = surface.parameters[0], surface.parameters[1], surface.parameters[2]
-        start[1] = leaves
-        return 1
-    nx, ny, nz = surface.lit[i]
-    level = np.sqrt(nx * nx + ny * ny)
-    tx, ty = (-ny / level, nx / level) if level > 1e-6 else (1.0, 0.0)
-    bx, by, bz = -nz * ty, nz * tx, nx * ty - ny * tx
-    ex, ey, ez = surface.seen[i]
-    vx, vy, vz = tx * ex + ty * ey, bx * ex + by * ey + bz * ez, max(nx * ex + ny * ey + nz * ez, _LOWEST)
-    coarser = HEIGHT - ends_with(leaves)  # heights are told for 2^15 leaves
-    nodes, leaf, top = 0, 0, max(HIGHEST - coarser, 0)
-    while leaf < leaves:
-        height = top if leaf == 0 else min(ends_with(leaf), top)
-        while True:
-            node = (leaves >> height) + (leaf >> height)
-            x, y, z = surface.means[node, 0], surface.means[node, 1], surface.means[node, 2]
-            lx, ly, lz = tx * x + ty * y, bx * x + by * y + bz * z, nx * x + ny * y + nz * z
-            if lz < -2.5 * np.sqrt((1 << height) / leaves):  # all of it under the horizon
-                value[nodes] = 0
-                break
-            lz = max(lz, _LOWEST)
-            sx, sy, sz = lx + vx, ly + vy, lz + vz
-            cosine = sz / np.sqrt(sx * sx + sy * sy + sz * sz)
-            bin_of_half = int(np.sqrt(max(1 - cosine, 0.0)) * (BINS - 1) + 0.5)
-            if height == 0 or height + coarser <= surface.heights[bin_of_half]:
-                value[nodes] = evaluate(surface.kind, surface.parameters, surface.table, lx, ly, lz, vx, vy, vz)
-                break
-            height -= 1
-        start[nodes] = leaf
-        nodes += 1
-        leaf += 1 << height
-    start[nodes] = leaves
-    return nodes
 
 
 @numba.njit(nogil=True, cache=True)

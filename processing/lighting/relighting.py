@@ -17,7 +17,8 @@ from processing.lighting.cached_kernel import CachedFrame, frame_in_threads
 from processing.lighting.directions import SampleDirections
 from processing.lighting.kept_steps import KeptSteps
 from processing.lighting.light import EnvironmentLight, LeafLight, checked_rotation
-from processing.lighting.moving_kernel import Steps, Surface, merged_steps, moving_frame
+from processing.lighting.lobe_nodes import Surface
+from processing.lighting.moving_kernel import Steps, merged_steps, moving_frame
 from processing.lighting.surroundings import RelitBody, Surroundings, part_of
 from processing.products.arrays import Float32, Float64
 from processing.products.light_environment import Environment

@@ -15,7 +15,8 @@ from processing.lighting.brdfs import Brdf, BrdfKind, blinn_phong, ggx, lambert,
 from processing.lighting.cached_kernel import frame_in_threads
 from processing.lighting.directions import sample_directions
 from processing.lighting.kept_steps import KeptSteps
-from processing.lighting.moving_kernel import Steps, Surface
+from processing.lighting.lobe_nodes import Surface
+from processing.lighting.moving_kernel import Steps
 from render.context import is_software
 from render.errors import GlUnavailableError
 from service.relit_on_card import FrameInThreads, FrameOnCard, open_cached_frame

@@ -9,6 +9,7 @@ from processing.lighting.light import EnvironmentLight
 from processing.lighting.shells import ShellPlan
 from service.bench_curves import curves_figure
 from tests.benchmarks.relights import referee, tradeoff
+from tests.benchmarks.yardsticks.merge_operands import merge_operands
 from tests.benchmarks.yardsticks.mitsuba_relit import MirrorFacets, panorama
 from tests.benchmarks.yardsticks.relit_furniture import windows
 from tests.benchmarks.yardsticks.teapot_scene import FLOOR, TEAPOT, WHITE, teapot_scene
@@ -58,21 +59,15 @@ def test_facets_hide_more_where_their_two_terms_are_multiplied():
 
 
 def test_the_merge_of_the_benchmark_gives_the_radiance_of_a_moving_frame():
-    """Away from the teapot, where only its field tells what it hides."""
     scene, sampled = teapot_scene(0.35, 10), sample_directions(10)
-    vertices = np.arange(scene.first[-1])
-    cuts, field = scene.cuts(vertices, sampled, 0.01), scene.field(vertices, sampled, ShellPlan(6))
-    bodies = scene.relit(cuts, field)
-    relit = scene.relighting(bodies, sampled, windows(), (WHITE, WHITE)).frame().radiance[scene.first[FLOOR] :]
-    floor = scene.bodies[FLOOR]
-    some = np.flatnonzero(np.linalg.norm(floor.vertices, axis=1) > 3.0)
-    numbers, weights = field.cells(floor.origins[some] - scene.poses[TEAPOT][:3, 3])
+    vertices, places = np.arange(scene.first[-1]), [pose[:3, 3] for pose in scene.poses]
+    bodies = scene.relit(scene.cuts(vertices, sampled, 0.01), scene.field(vertices, sampled, ShellPlan(6)))
+    relit = scene.relighting(bodies, sampled, windows(), (WHITE, WHITE)).frame().radiance
     sums = EnvironmentLight(windows(), sampled).turned(np.eye(3)).sums
-    merged = [
-        merged_light(*tradeoff._cuts_of(bodies[FLOOR], field, *one), sums)
-        for one in zip(some, numbers, weights.astype(np.float64), strict=True)
-    ]
-    assert np.allclose(np.array(merged) * 0.7 / np.pi, relit[some], rtol=1e-3)
+    for body, first, count in zip((TEAPOT, FLOOR), scene.first, np.diff(scene.first), strict=False):
+        some = np.arange(0, count, 7)
+        merged = [merged_light(*merge_operands(bodies, places, sampled, body, vertex), sums) for vertex in some]
+        assert np.allclose(np.array(merged) * 0.7 / np.pi, relit[first + some], rtol=1e-4, atol=1e-5)
 
 
 def test_errors_are_drawn_over_both_parameters():

@@ -14,15 +14,14 @@ import numba
 import numpy as np
 
 from processing.lighting.brdfs import lambert
-from processing.lighting.cuts import Cuts
 from processing.lighting.directions import sample_directions
 from processing.lighting.light import EnvironmentLight
 from processing.lighting.relighting import Relighting
 from processing.lighting.shells import ShellPlan
-from processing.lighting.surroundings import AT_VERTEX, BETWEEN, Neighbour, RelitBody, exact_weights
-from processing.lighting.toggles import binary_cuts
+from processing.lighting.surroundings import RelitBody
 from service.bench import Result
 from tests.benchmarks.yardsticks.furniture import FULL, QUICK, PrecomputedPiece, precomputed_furniture
+from tests.benchmarks.yardsticks.merge_operands import merge_operands
 from tests.benchmarks.yardsticks.relit_furniture import EYE_M, furnish, poses, windows
 from tests.reference.merge import merged_light
 
@@ -56,8 +55,7 @@ def run(*, quick: bool) -> Result:
 
 
 def _scene(pieces: tuple[PrecomputedPiece, ...], *, glossy: bool) -> Relighting:
-    bodies = [RelitBody(one.piece.body, one.self_visibility, one.field) for one in pieces]
-    scene = Relighting(bodies, sample_directions(), windows())
+    scene = Relighting(_bodies(pieces), sample_directions(), windows())
     furnish(scene, tuple(one.piece for one in pieces), glossy=glossy)
     return scene
 
@@ -107,7 +105,7 @@ def _against_merge(pieces: tuple[PrecomputedPiece, ...], count: int) -> tuple[di
         scene.paint(number, lambert(np.full(3, ALBEDO)))
     vertices = np.sort(np.random.default_rng(SEED).choice(scene.first[-1], count, replace=False))
     light = EnvironmentLight(windows(), sample_directions()).turned(np.eye(3)).sums
-    cuts = [_cuts_of(scene, pieces, vertex) for vertex in vertices]
+    cuts = [_operands(pieces, scene.first, vertex) for vertex in vertices]
     merged_light(*cuts[0], light)
     begun = time.process_time()
     expected = np.array([merged_light(*one, light) for one in cuts]) * ALBEDO / np.pi
@@ -135,41 +133,14 @@ def _move_all(scene: Relighting, pieces: tuple[PrecomputedPiece, ...], spread: f
         scene.move(number, pose)
 
 
-def _cuts_of(scene: Relighting, pieces: tuple[PrecomputedPiece, ...], vertex: int) -> tuple[np.ndarray, ...]:
-    """The vertex's own cut and those that tell of the other bodies, one after another, as the merge reads them."""
-    number = int(np.searchsorted(scene.first, vertex, side="right")) - 1
-    own, one = vertex - scene.first[number], pieces[number]
-    cuts, weight, group = [_part(one.self_visibility, own)], [1.0], [0]
-    point, normal = one.piece.body.origins[own : own + 1], one.piece.body.normals[own : own + 1]
-    for other in pieces:
-        if other is not one:
-            relit = RelitBody(other.piece.body, other.self_visibility, other.field)
-            near = Neighbour(relit, np.eye(3), other.piece.place - one.piece.place, sample_directions())
-            found = _cuts_past(near, point, normal)
-            cuts += [cut for cut, _ in found]
-            weight += [share for _, share in found]
-            group += [group[-1] + 1] * len(found)
-    ends = np.cumsum([0, *(len(cut.heights) for cut in cuts)])
-    heights, values = np.concatenate([cut.heights for cut in cuts]), np.concatenate([cut.values for cut in cuts])
-    return heights, values, ends[:-1], ends[1:], np.array(group), np.array(weight)
+def _operands(pieces: tuple[PrecomputedPiece, ...], first: np.ndarray, vertex: int) -> tuple[np.ndarray, ...]:
+    number = int(np.searchsorted(first, vertex, side="right")) - 1
+    places = [one.piece.place for one in pieces]
+    return merge_operands(_bodies(pieces), places, sample_directions(), number, vertex - first[number])
 
 
-def _cuts_past(near: Neighbour, point: np.ndarray, normal: np.ndarray) -> list[tuple[Cuts, float]]:
-    """A body's cuts at the sample points around a vertex with their weights, or at the vertex itself."""
-    (told,) = near.reached(point, normal)
-    if told == AT_VERTEX:
-        counts, toggles = near.changes(point, normal)
-        return [(binary_cuts(np.array([0, counts[0]]), toggles, near.sampled.height), 1.0)]
-    if told != BETWEEN:
-        return []
-    numbers, weights = near.relit.field.cells(point - near.shift)
-    shares = exact_weights(weights)[0]
-    return [(near.relit.field.cuts(numbers[0, k : k + 1]), float(shares[k])) for k in np.flatnonzero(shares)]
-
-
-def _part(cuts: Cuts, number: int) -> Cuts:
-    part = slice(cuts.first[number], cuts.first[number + 1])
-    return Cuts(np.array([0, part.stop - part.start]), cuts.heights[part], cuts.values[part])
+def _bodies(pieces: tuple[PrecomputedPiece, ...]) -> list[RelitBody]:
+    return [RelitBody(one.piece.body, one.self_visibility, one.field) for one in pieces]
 
 
 def _speedup(pieces: tuple[PrecomputedPiece, ...], frames: int) -> float:

@@ -1,11 +1,11 @@
 """Error against time per frame of a teapot on a floor: spheres of its field, thresholds of the cuts, direct summation.
 
 The truth is direct summation over the tree's directions, each one traced; beside it stand direct summations over fewer
-directions and the paper's merge of the same cuts (Steps 1 to 4), whose radiance is that of a moving frame. A moving
-frame reads the teapot's field for all vertices of the floor that it reaches, a kept one has the light turned. Seconds
-are the processor's, over the number of threads; those of direct summation and merge are of one thread, of some
-vertices, scaled to as many as the moving frame computes. Errors are root mean squares over the mean of the truth, of
-all vertices; `flip` is of the drawn picture. `teapot_error_monotone`: 1 where the error falls from each number of
+directions and the paper's merge of the same cuts (Steps 1 to 4), whose radiance is that of a moving frame. In a
+moving frame the teapot moves, in a kept one the light turns. Seconds are the processor's, over the number of threads;
+the merge's are of some vertices, scaled to all, without
+finding what it reads (a moving frame traces rays where the teapot is all but touched). Errors are root mean squares over the mean of the truth, of all
+vertices; `flip` is of the drawn picture. `teapot_error_monotone`: 1 where the error falls from each number of
 spheres to the next, at the finest cuts.
 """
 
@@ -17,18 +17,18 @@ import numba
 import numpy as np
 
 from processing.lighting.directions import HEIGHT, sample_directions
-from processing.lighting.field import VisibilityField
 from processing.lighting.light import EnvironmentLight
 from processing.lighting.precomputation import TOLERANCE
 from processing.lighting.relighting import Relighting
 from processing.lighting.shells import ShellPlan
-from processing.lighting.surroundings import RelitBody, exact_weights
+from processing.lighting.surroundings import RelitBody
 from processing.products.arrays import Float64
 from render.relit_view import open_relit_view
 from service.bench import Result
+from tests.benchmarks.yardsticks.merge_operands import merge_operands
 from tests.benchmarks.yardsticks.picture_difference import mean_flip
 from tests.benchmarks.yardsticks.relit_furniture import windows
-from tests.benchmarks.yardsticks.teapot_scene import CLEARANCE, FLOOR, TEAPOT, WHITE, TeapotScene, teapot_scene
+from tests.benchmarks.yardsticks.teapot_scene import CLEARANCE, TEAPOT, WHITE, TeapotScene, teapot_scene
 from tests.reference.merge import merged_light
 
 SEED = 1
@@ -77,8 +77,8 @@ def run(*, quick: bool) -> Result:
     errors = np.zeros((len(tolerances), len(resolutions)))
     for i, tolerance in enumerate(tolerances):
         cuts = scene.cuts(judge.vertices, judge.sampled, tolerance)
-        for j, field in enumerate(fields):
-            found = _relit(judge, scene.relit(cuts, field), tolerance, frames=3 if quick else 5)
+        for j, (field, resolution) in enumerate(zip(fields, resolutions, strict=True)):
+            found = _relit(judge, scene.relit(cuts, field), tolerance, resolution, frames=3 if quick else 5)
             errors[i, j] = found[0]["error"]
             rows += found
     rows += _directly(judge)
@@ -87,16 +87,14 @@ def run(*, quick: bool) -> Result:
     return Result({"teapot_error_monotone": float(monotone)}, rows + _curves(errors, tolerances, resolutions))
 
 
-def _relit(judge: _Judge, bodies: list[RelitBody], tolerance: float, frames: int) -> list[Row]:
+def _relit(judge: _Judge, bodies: list[RelitBody], tolerance: float, resolution: int, frames: int) -> list[Row]:
     """A moving frame, a kept one and, at the usual cuts, the paper's merge."""
     scene = judge.scene.relighting(bodies, judge.sampled, windows(), PAINT)
     moving = judge.errors(scene.frame().radiance)
-    field = bodies[TEAPOT].field
-    assert field is not None
-    size: Row = {"size": f"{field.shells.resolution} spheres"}
+    size: Row = {"size": f"{resolution} spheres"}
     rows = [{"method": f"moving, cuts to {tolerance:g}", **size, **moving, "seconds": _seconds(scene, _move, frames)}]
     if tolerance == TOLERANCE:
-        seconds = _merge_seconds(judge, bodies[FLOOR], field)
+        seconds = _merge_seconds(judge, bodies)
         rows.append({"method": "the paper's merge", "peer": True, **size, **moving, "seconds": seconds})
     kept_s = _seconds(scene, _turn, frames)
     scene.turn_light(np.eye(3))
@@ -127,36 +125,23 @@ def _seconds(scene: Relighting, change: Callable[[Relighting, int], None], frame
     return float(np.median(found[2:])) / numba.get_num_threads()
 
 
-def _merge_seconds(judge: _Judge, floor: RelitBody, field: VisibilityField) -> float:
-    """Of the floor's vertices, each with its own cut and those of the sample points around it."""
-    some = np.random.default_rng(SEED).choice(len(floor.body.vertices), MERGED, replace=False)
-    numbers, weights = field.cells(floor.body.origins[some] - judge.scene.poses[TEAPOT][:3, 3])
+def _merge_seconds(judge: _Judge, bodies: list[RelitBody]) -> float:
+    """Of some vertices, scaled to all; what each reads is found beforehand."""
+    first, places = judge.scene.first, [pose[:3, 3] for pose in judge.scene.poses]
     sums = EnvironmentLight(windows(), judge.sampled).turned(np.eye(3)).sums
-    cuts = [_cuts_of(floor, field, *one) for one in zip(some, numbers, exact_weights(weights), strict=True)]
+    cuts = []
+    for vertex in np.random.default_rng(SEED).choice(judge.vertices, MERGED, replace=False):
+        number = int(np.searchsorted(first, vertex, side="right")) - 1
+        cuts.append(merge_operands(bodies, places, judge.sampled, number, vertex - first[number]))
     merged_light(*cuts[0], sums)
     begun = time.process_time()
     for one in cuts:
         merged_light(*one, sums)
-    each = (time.process_time() - begun) / MERGED
-    return each * len(floor.body.vertices) / numba.get_num_threads()
-
-
-def _cuts_of(
-    floor: RelitBody, field: VisibilityField, vertex: int, numbers: np.ndarray, weights: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    own, part = floor.self_visibility, slice(*floor.self_visibility.first[vertex : vertex + 2])
-    around = [field.cuts(numbers[k : k + 1]) for k in np.flatnonzero(weights)]
-    heights = [own.heights[part], *(cut.heights for cut in around)]
-    values = [own.values[part], *(cut.values for cut in around)]
-    ends = np.cumsum([0, *(len(one) for one in heights)])
-    group = np.minimum(np.arange(len(heights)), 1)
-    weight = np.concatenate([[1.0], weights[weights > 0]])
-    return np.concatenate(heights), np.concatenate(values), ends[:-1], ends[1:], group, weight
+    return (time.process_time() - begun) / MERGED * len(judge.vertices) / numba.get_num_threads()
 
 
 def _directly(judge: _Judge) -> list[Row]:
-    """Direct summation over all directions and over fewer, as many vertices as move."""
-    share = len(judge.scene.bodies[FLOOR].vertices) / len(judge.vertices) / numba.get_num_threads()
+    """Direct summation over all directions and over fewer."""
     rows: list[Row] = []
     for height in (*(judge.sampled.height - lower for lower in LOWER), judge.sampled.height):
         whole = height == judge.sampled.height
@@ -166,7 +151,9 @@ def _directly(judge: _Judge) -> list[Row]:
         )
         seconds = judge.seconds if whole else time.process_time() - begun
         method = f"direct summation, {1 << height} directions"
-        rows.append({"method": method, "peer": True, **judge.errors(found), "seconds": share * seconds})
+        rows.append(
+            {"method": method, "peer": True, **judge.errors(found), "seconds": seconds / numba.get_num_threads()}
+        )
     return rows
 
 

@@ -1,6 +1,6 @@
 """A teapot on a floor, as in fig. 8 of Iwasaki et al., white under the light of windows; lengths in belly radii.
 
-The teapot throws its shadow on the floor; the floor throws none, as light from below there is none.
+Both throw shadows: the floor, which is flat, by its outline.
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ from processing.lighting.cuts import Cuts
 from processing.lighting.directions import SampleDirections
 from processing.lighting.field import VisibilityField
 from processing.lighting.light import EnvironmentLight
+from processing.lighting.outline import flat_outline
 from processing.lighting.relighting import Relighting
 from processing.lighting.shells import ShellPlan
 from processing.lighting.surroundings import RelitBody
@@ -76,7 +77,7 @@ class TeapotScene:
 
     def relit(self, cuts: list[Cuts], field: VisibilityField) -> list[RelitBody]:
         """Both bodies, ready to be relit."""
-        fields = field, None
+        fields = field, flat_outline(self.bodies[FLOOR])
         return [RelitBody(body, own, cast) for body, own, cast in zip(self.bodies, cuts, fields, strict=True)]
 
     def relighting(

@@ -1,12 +1,12 @@
 """Error against time per frame of a teapot on a floor: spheres of its field, thresholds of the cuts, direct summation.
 
 The truth is direct summation over the tree's directions, each one traced; beside it stand direct summations over fewer
-directions and the paper's merge of the same cuts (Steps 1 to 4), whose radiance is that of a moving frame. In a
-moving frame the teapot moves, in a kept one the light turns. Seconds are the processor's, over the number of threads;
-the merge's are of some vertices, scaled to all, without
-finding what it reads (a moving frame traces rays where the teapot is all but touched). Errors are root mean squares over the mean of the truth, of all
-vertices; `flip` is of the drawn picture. `teapot_error_monotone`: 1 where the error falls from each number of
-spheres to the next, at the finest cuts.
+directions and the paper's merge of the same cuts (Steps 1 to 4), whose radiance is that of a moving frame. In a moving
+frame the teapot moves, in a kept one the light turns. Seconds are the processor's, over the number of threads; the
+merge's are of some vertices, scaled to all, and do not count how it finds what it reads (a moving frame traces rays
+where the teapot is all but touched). Errors are root mean squares over the mean of the truth, of all vertices; `flip`
+is of the drawn picture. `teapot_error_monotone`: 1 where the error falls from each number of spheres to the next, at
+the finest cuts.
 """
 
 import time

@@ -2,9 +2,10 @@
 
 `relative_rmse_vs_direct`: root mean square error over the mean of the truth, of vertices drawn from the whole room,
 with fields of 32 spheres, the worse of Lambert and glossy materials, a room with windows; glossy ones of vertices that
-face the eye, as no picture shows the others. `bias`: the mean error over the mean, its size. `near_contact_rmse`: the same error of vertices closer than 15 cm to another body than the floor.
-`vcf_error_monotone`: 1 where the error falls from each of 8, 16, 32, 64 spheres to the next. Rows have other lights,
-cuts' tolerances and spacings; `far_rmse` is of the vertices that are near no other body.
+face the eye, as no picture shows the others. `bias`: the mean error over the mean, its size. `near_contact_rmse`: the
+same error of vertices closer than 15 cm to another body than the floor. `vcf_error_monotone`: 1 where the error falls
+from each of 8, 16, 32, 64 spheres to the next. Rows have other lights, cuts' tolerances and spacings; `far_rmse` is of
+the vertices that are near no other body.
 """
 
 from itertools import pairwise

@@ -15,7 +15,7 @@ from render.on_card import OnCard, keep
 from render.programs import compile_compute, set_uniform
 
 _REQUIRED = 430
-_GROUP = 64  # invocations, as in the shader
+_GROUP, _HEIGHTS = 64, 16  # invocations and heights of nodes that the shader has room for
 _KEPT = 24  # sums of light, tables and mean directions that stay on the card
 
 
@@ -41,9 +41,9 @@ class Surface:
     """Vertices with unit `normals` and directions `toward_eye` (n, 3), in the frame of the leaves, and reflectance.
 
     `kind` and `parameters` (24,) are a model of `reflectance.glsl`; `table` (half, difference, azimuth, 3) is that of
-    the measured one. Over a node of no more than `heights` (256,), by the half angle, one value of it serves; none is
-    higher than `highest`. `means` (2 leaves, 3) are mean directions of nodes, that of height h over leaf k at
-    (leaves + k) / 2^h.
+    the measured one. One value of it serves over a node of height h where the squared sine of its half angle is at
+    least `least[h]`; where its cosine is less than `below[h]`, all of it is under the horizon. `means` (2 leaves, 3)
+    are mean directions of nodes, that of height h over leaf k at (leaves + k) / 2^h.
     """
 
     normals: Float64
@@ -51,8 +51,8 @@ class Surface:
     kind: int
     parameters: Float64
     table: Float64
-    heights: NDArray[np.uint8]
-    highest: int
+    least: Float64
+    below: Float64
     means: Float32
 
 
@@ -163,9 +163,9 @@ class _Store:
 def _set_surface(program: moderngl.ComputeShader, surface: Surface, *, leaves: int, count: int) -> None:
     set_uniform(program, "vertices", count)
     set_uniform(program, "leaves", leaves)
-    set_uniform(program, "highest", surface.highest)
-    nibbles = surface.heights.astype(np.uint32).reshape(32, 8) << np.arange(0, 32, 4, dtype=np.uint32)
-    set_uniform(program, "node_heights", nibbles.sum(axis=1, dtype=np.uint32))
+    set_uniform(program, "highest", len(surface.least) - 1)
+    for name, values in (("least", surface.least), ("below", surface.below)):
+        set_uniform(program, name, np.pad(values, (0, _HEIGHTS - len(values))).astype(np.float32))
     set_uniform(program, "parameters", surface.parameters.astype(np.float32))
     set_uniform(program, "table_shape", surface.table.shape[:3])
 

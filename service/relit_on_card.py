@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from processing.lighting.cached_kernel import frame_in_threads
-from processing.lighting.directions import HEIGHT
 from processing.lighting.kept_steps import KeptSteps
-from processing.lighting.lobe_heights import HIGHEST
-from processing.lighting.lobe_nodes import Surface
+from processing.lighting.lobe_nodes import Surface, room_for_nodes
 from processing.products.arrays import Float32, Float64
 from render import cached_frame
 from render.context import is_software
@@ -64,9 +62,6 @@ def open_cached_frame() -> FrameOnCard | FrameInThreads:
 
 
 def _for_card(surface: Surface) -> cached_frame.Surface:
-    """Heights are told for trees of 2^15 leaves."""
-    height = len(surface.means).bit_length() - 2
-    coarser = HEIGHT - height
-    heights = np.maximum(surface.heights.astype(np.int64) - coarser, 0).astype(np.uint8)
-    highest = max(HIGHEST - coarser, 0)
-    return cached_frame.Surface(*surface[:5], heights, highest, surface.means)
+    nodes = room_for_nodes(len(surface.means) // 2, surface.heights)
+    least = np.maximum(1 - nodes.limits, 0.0)
+    return cached_frame.Surface(*surface[:5], least, nodes.below, surface.means)

@@ -15,9 +15,9 @@ layout(std430, binding = 7) writeonly buffer Radiance { float radiance[]; };
 uniform int vertices;
 uniform int leaves;
 uniform int highest;            // no node is higher
-uniform uvec4 node_heights[8];  // by half angle, four bits each
+uniform float least[16];        // squared sine of the half angle from which a node of a height serves
+uniform float below[16];        // cosine under which all of a node of a height is under the horizon
 
-const float BINS = 256.0;
 const float LOWEST = 1e-3;      // cosine to the horizon of an eye or a node's middle that lies under it
 
 struct Walk {
@@ -52,13 +52,9 @@ vec3 light_until(inout Walk walk, int stop) {
     return light;
 }
 
-int height_for(vec3 light, vec3 view) {
+bool serves(int height, vec3 light, vec3 view) {
     vec3 between = light + view;
-    float length_of = length(between);
-    // 1 - cos, without the cancellation.
-    float rest = dot(between.xy, between.xy) / (length_of * (length_of + between.z));
-    int place = int(sqrt(rest) * (BINS - 1.0) + 0.5);
-    return int((node_heights[place >> 5][(place >> 3) & 3] >> (4 * (place & 7))) & 15u);
+    return dot(between.xy, between.xy) >= least[height] * dot(between, between);
 }
 
 #if KIND == LAMBERT
@@ -83,11 +79,11 @@ vec3 radiance_toward_eye(inout Walk walk, int vertex) {
         while (true) {
             int node = 3 * ((leaves >> height) + (walk.leaf >> height));
             vec3 light = local_from_frame * vec3(means[node], means[node + 1], means[node + 2]);
-            if (light.z < -2.5 * sqrt(float(1 << height) / float(leaves))) {
+            if (light.z < below[height]) {
                 break;
             }
             light.z = max(light.z, LOWEST);
-            if (height <= height_for(light, view)) {
+            if (serves(height, light, view)) {
                 f = reflectance(light, view);
                 break;
             }

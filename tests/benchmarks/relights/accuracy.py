@@ -116,8 +116,8 @@ def errors(room: _Room, found: Float64, truth: Float64, *, glossy: bool) -> dict
 
 
 def run(*, quick: bool) -> Result:
-    """Of 600 of 27 000 vertices, or of 150 of 2000."""
-    room = _Room(QUICK if quick else FULL, 150 if quick else 600, SEED)
+    """Of 600 of 27 000 vertices, or of 100 of 2000."""
+    room = _Room(QUICK if quick else FULL, 100 if quick else 600, SEED)
     indoors, rows = windows(), []
     truths = {glossy: room.truth(indoors, glossy=glossy) for glossy in (False, True)}
     figures, by_resolution = {}, []

@@ -118,7 +118,8 @@ class Neighbour:
         if isinstance(self.relit.field, FlatOutline):
             return self.relit.field.moved(self.turn, self.shift).changes(points, normals, self.sampled)
         leaves = leaf_rays(self.sampled).turned(self.turn.T)
-        counts, toggles, _ = self.relit.tracer.changes((points - self.shift) @ self.turn, normals @ self.turn, leaves)
+        local = (points - self.shift) @ self.turn, normals @ self.turn
+        counts, toggles, _ = self.relit.tracer.changes_of_blocks(*local, leaves)
         return counts, toggles
 
 

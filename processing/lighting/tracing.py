@@ -6,6 +6,7 @@ from functools import lru_cache
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from processing.lighting.cover import covering_spheres
 from processing.lighting.directions import SampleDirections
@@ -16,21 +17,25 @@ from processing.products.arrays import Float32, Float64, Int32
 
 Int64 = NDArray[np.int64]
 
+_BLOCK, _LEAVES, _AROUND = 2, 4, 8  # height and leaves of a block, and how many others are around it
 _CLUSTER = 6  # height of the nodes that are looked at first, whether the cone holds all or none of them
 
 
 @dataclass(frozen=True, eq=False)
 class LeafRays:
     """Leaves' directions (leaves, 3) in some frame; `clusters` (c, 4) are axes and half angles of all nodes of a
-    height."""
+    height. Blocks are the nodes of four leaves: `middles` (blocks, 3), and `around` (blocks, 8) the nearest ones."""
 
     rays: Float32
     clusters: Float64
+    middles: Float32
+    around: Int32
 
     def turned(self, turn: Float64) -> "LeafRays":
         """The same leaves in the frame that `turn` (3, 3) takes directions into."""
         clusters = np.column_stack([self.clusters[:, :3] @ turn.T, self.clusters[:, 3]])
-        return LeafRays(np.ascontiguousarray(self.rays @ turn.T, np.float32), clusters)
+        rays, middles = (np.ascontiguousarray(ways @ turn.T, np.float32) for ways in (self.rays, self.middles))
+        return LeafRays(rays, clusters, middles, self.around)
 
 
 @lru_cache(maxsize=4)
@@ -39,7 +44,10 @@ def leaf_rays(sampled: SampleDirections) -> LeafRays:
     cluster = min(_CLUSTER, sampled.height)
     axes = sampled.means(cluster)
     along = np.einsum("nki,ni->nk", sampled.directions.reshape(len(axes), -1, 3), axes)
-    return LeafRays(sampled.rays, np.column_stack([axes, np.arccos(np.clip(along.min(axis=1), -1, 1))]))
+    clusters = np.column_stack([axes, np.arccos(np.clip(along.min(axis=1), -1, 1))])
+    middles = sampled.means(_BLOCK)
+    around = np.asarray(cKDTree(middles).query(middles, _AROUND + 1)[1], np.int32)  # itself first
+    return LeafRays(sampled.rays, clusters, middles.astype(np.float32), np.ascontiguousarray(around[:, 1:]))
 
 
 class BodyTracer:
@@ -57,13 +65,66 @@ class BodyTracer:
         at, rays = 0, 0
         parts = [(np.zeros(0, np.int64), np.zeros(0, np.uint16))]
         while at < len(points):
-            first, numbers, origins, directions = cone_rays(
-                points[at:], normals[at:], self._spheres, leaves.clusters, leaves.rays, BATCH
-            )
-            blocked = self._occluder.blocks(origins, directions)
+            first, numbers, blocked = self._traced(points[at:], normals[at:], leaves.clusters, leaves.rays)
             parts.append(_changes(first, numbers, blocked, len(leaves.rays)))
             at, rays = at + len(first) - 1, rays + len(numbers)
         return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts]), rays
+
+    def changes_of_blocks(self, points: Float64, normals: Float64, leaves: LeafRays) -> tuple[Int64, UInt16, int]:
+        """The same with fewer rays: a block is taken as its middle where those around it are blocked, or free, alike.
+
+        What is thinner than a block, 2 deg, may be missed.
+        """
+        at, rays = 0, 0
+        parts = [(np.zeros(0, np.int64), np.zeros(0, np.uint16))]
+        while at < len(points):
+            first, numbers, blocked = self._traced(points[at:], normals[at:], leaves.clusters, leaves.middles)
+            here = points[at : at + len(first) - 1]
+            unclear, origins, directions = _unclear_rays(here, first, numbers, blocked, leaves.around, leaves.rays)
+            finer = self._occluder.blocks(origins, directions)
+            parts.append(_changes(*_in_leaves(first, numbers, blocked, unclear, finer), len(leaves.rays)))
+            at, rays = at + len(here), rays + len(numbers) + len(finer)
+        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts]), rays
+
+    def _traced(self, points: Float64, normals: Float64, clusters: Float64, rays: Float32) -> tuple[Int64, Int32, Bool]:
+        first, numbers, origins, directions = cone_rays(points, normals, self._spheres, clusters, rays, BATCH)
+        return first, numbers, self._occluder.blocks(origins, directions)
+
+
+@numba.njit(cache=True, nogil=True)
+def _unclear_rays(
+    points: Float64, first: Int64, blocks: Int32, blocked: Bool, around: Int32, rays: Float32
+) -> tuple[Bool, Float32, Float32]:
+    """Which of the blocks differ from one around them, and rays to all leaves of these: origins and directions."""
+    unclear, dark = np.zeros(len(blocks), np.bool_), np.zeros(len(around), np.bool_)
+    for i in range(len(points)):
+        dark[:] = False
+        for k in range(first[i], first[i + 1]):
+            dark[blocks[k]] = blocked[k]
+        for k in range(first[i], first[i + 1]):
+            for other in around[blocks[k]]:
+                unclear[k] |= dark[other] != blocked[k]
+    count = _LEAVES * unclear.sum()
+    origins, directions, at = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32), 0
+    for i in range(len(points)):
+        for k in range(first[i], first[i + 1]):
+            for leaf in range(_LEAVES * blocks[k], _LEAVES * (blocks[k] + 1) if unclear[k] else 0):
+                for axis in range(3):
+                    origins[at, axis], directions[at, axis] = points[i, axis], rays[leaf, axis]
+                at += 1
+    return unclear, origins, directions
+
+
+@numba.njit(cache=True, nogil=True)
+def _in_leaves(first: Int64, blocks: Int32, blocked: Bool, unclear: Bool, finer: Bool) -> tuple[Int64, Int32, Bool]:
+    """The leaves of all blocks, blocked as these or, where they are unclear, each for itself."""
+    leaves, found, at = np.empty(_LEAVES * len(blocks), np.int32), np.empty(_LEAVES * len(blocks), np.bool_), 0
+    for k in range(len(blocks)):
+        for leaf in range(_LEAVES):
+            leaves[_LEAVES * k + leaf] = _LEAVES * blocks[k] + leaf
+            found[_LEAVES * k + leaf] = finer[at] if unclear[k] else blocked[k]
+            at += unclear[k]
+    return _LEAVES * first, leaves, found
 
 
 @numba.njit(cache=True, nogil=True)

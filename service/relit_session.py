@@ -21,7 +21,7 @@ from service.relit_scene import RelitScene
 from service.relit_studio import Shot, Studio
 
 IDLE_S = 900.0
-_SETTLED_S = 0.2  # after a rough picture: when nothing has changed since, a full one
+SETTLED_S = 0.2  # after a rough picture: when nothing has changed since, a full one
 _WATCH_S = 0.2  # between looks at how far the precomputation is
 _JPEG_QUALITY = 88
 
@@ -173,7 +173,7 @@ class RelightingSession:
     def _next(self, rough: bool) -> list[Change] | None:
         """Wait for changes, for somebody new, or until a rough picture has settled; None at the end."""
         with self._news:
-            patience_s = _SETTLED_S if rough else max(self._heard_s + self._idle_s - time.monotonic(), 0.0)
+            patience_s = SETTLED_S if rough else max(self._heard_s + self._idle_s - time.monotonic(), 0.0)
             heard = self._news.wait_for(lambda: self._end or self._changes or self._newcomers, patience_s)
             if not (heard or rough):
                 self._end = f"nobody said anything for {self._idle_s:.0f} s"

@@ -29,7 +29,7 @@ def edges(mesh):
     return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(sides=st.tuples(SIDES, SIDES, SIDES), longest=st.floats(0.02, 3))
 def test_a_box_made_finer_is_the_same_box(sides, longest):
     """Closed, as large as before, no edge too long, every normal that of its side."""

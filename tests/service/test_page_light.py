@@ -16,6 +16,7 @@ from rig.config import load_config
 from service.app import create_app
 from service.cli import app as cli
 from service.relit_scene import Orbit
+from service.relit_session import SETTLED_S
 from tests.service.relit_scenes import write_scene
 from tests.service.test_page import CHROMIUM, CONTRAST, browser
 
@@ -52,13 +53,21 @@ class Studio:
     def __init__(self, page) -> None:
         self.page = page
         page.wait("at('subject').options.length > 0")
+        page.evaluate("at('view').dataset.frames = 0; drawn = numbered = 0")
         page.press("#open-light")
         self.settled(0)
         page.evaluate("at('view').scrollIntoView({block: 'center'})")
 
     def settled(self, after):
-        """Until a full picture has come since the one of a number."""
-        self.page.wait(f"Number(at('view').dataset.frames) > {after} && at('view').dataset.rough === 'false'")
+        """Until a full picture has come since the one of a number, and none after it."""
+        number = "Number(at('view').dataset.frames)"
+        while True:
+            self.page.wait(f"{number} > {after} && at('view').dataset.rough === 'false'")
+            after = self.page.evaluate(number)
+            time.sleep(2 * SETTLED_S)
+            if self.page.evaluate(number) == after:
+                return
+            after -= 1
 
     def after(self, act):
         """The picture once what is done has been shown."""
@@ -95,12 +104,17 @@ class Studio:
         )
 
 
+@pytest.fixture(scope="module")
+def page(address):
+    with browser(address[0], address[1] / "browser") as page:
+        yield page
+
+
 @pytest.fixture
-def studio(address, tmp_path):
-    with browser(address[0], tmp_path / "browser") as page:
-        yield Studio(page)
-        page.press("#close-light")
-        page.wait("at('light-status').textContent === 'Nothing is open.'")
+def studio(page):
+    yield Studio(page)
+    page.press("#close-light")
+    page.wait("at('light-status').textContent === 'Nothing is open.'")
 
 
 def differs(one, two):

@@ -24,9 +24,16 @@ from tests.service.relit_scenes import COARSE, write_scene
 NIGHT = {"kind": "environment", "name": "night"}
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    return tmp_path_factory.mktemp("kept")
+
+
 @pytest.fixture
-def client(shared_simulated_rig, tmp_path):
+def client(shared_simulated_rig, tmp_path, kept):
     write_scene(tmp_path / "scenes")
+    (tmp_path / "sessions").mkdir()
+    (tmp_path / "sessions" / ".precomputed").symlink_to(kept)
     app = create_app(load_config(shared_simulated_rig.toml), tmp_path / "sessions", tmp_path / "scenes")
     with TestClient(app, base_url=ORIGIN) as client:
         yield client
@@ -121,20 +128,19 @@ def test_while_more_is_to_come_pictures_are_rough_and_then_one_is_fine(socket):
     socket.say(kind="eye", elevation_deg=31, rough=True)
     _, small = socket.frame(rough=True)
     assert 2 * np.array(small.shape[:2]).max() == picture.shape[1]
-    last, _ = socket.frame()
-    assert last["standing"]["eye"]["azimuth_deg"] == pytest.approx(-89)
-    assert last["standing"]["eye"]["elevation_deg"] == pytest.approx(31)
+    while (eye := socket.frame()[0]["standing"]["eye"])["elevation_deg"] < 30.9:
+        pass  # a busy machine may pause for long enough to draw one in between
+    assert eye["azimuth_deg"] == pytest.approx(-89)
 
 
 def test_rough_pictures_are_fewer_than_the_changes_that_came_meanwhile(socket):
     socket.frame()
     for k in range(60):
         socket.say(kind="light", azimuth_deg=k, rough=True)
-    count = 0
-    while (told := socket.hear("frame")[0])["rough"]:
+    count = 1
+    while (told := socket.hear("frame")[0])["rough"] or told["standing"]["light_azimuth_deg"] < 58.9:
         count += 1
     assert count < 60
-    assert told["standing"]["light_azimuth_deg"] == pytest.approx(59)
 
 
 REFUSED = [
@@ -202,6 +208,7 @@ def test_one_that_nobody_talks_to_ends_by_itself(client):
 
 def test_a_job_that_is_cancelled_or_fails_ends_its_relighting(client, tmp_path):
     sessions = tmp_path / "sessions"
+    (sessions / ".precomputed").unlink()
     (sessions / ".precomputed").write_text("a file where the folder is to be")
     number = open_scene(client)
     with client.websocket_connect(f"{LIVE}/relightings/{number}/frames") as socket:

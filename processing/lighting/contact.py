@@ -5,6 +5,7 @@ close to the surface, however fine the points are. How far "close" reaches is a 
 all fields, so that finer fields are never worse.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from processing.products.arrays import Float64
 
 CONTACT = 0.1  # of the radius
 _CELLS = 4  # of the grid along that distance
+_POINTS = 1 << 20  # in memory at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +51,14 @@ def contact_zone(body: TriangleBody) -> ContactZone:
     return ContactZone(low, cell, np.asarray(distance_transform_edt(free) <= _CELLS))
 
 
-def _equally_long(triangles: Float64, step: float) -> list[Float64]:
-    """Points (n, 3) on triangles, no further than a step apart, of triangles that need as many at once."""
+def _equally_long(triangles: Float64, step: float) -> Iterator[Float64]:
+    """Points (n, 3) on triangles, no further than a step apart, of some triangles that need as many at a time."""
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=-1).max(axis=1)
     counts = np.maximum(np.ceil(longest / step), 1).astype(np.int64)
-    found = []
     for count in np.unique(counts):
         u, v = np.meshgrid(np.arange(count + 1) / count, np.arange(count + 1) / count, indexing="ij")
         inside = u + v <= 1 + 1e-9
         shares = np.column_stack([u[inside], v[inside], 1 - u[inside] - v[inside]])
-        found.append(np.einsum("sk,tki->tsi", shares, triangles[counts == count]).reshape(-1, 3))
-    return found
+        those, part = triangles[counts == count], max(_POINTS // len(shares), 1)
+        for start in range(0, len(those), part):
+            yield np.einsum("sk,tki->tsi", shares, those[start : start + part]).reshape(-1, 3)

@@ -80,6 +80,18 @@ def test_normals_matter_to_the_vertices_alone(tmp_path):
     assert sorted(path.name[:3] for path in tmp_path.iterdir()) == ["svc", "svc", "vcf"]
 
 
+def test_what_cannot_be_used_of_a_mesh_is_left_out(tmp_path):
+    """Open, without normals, with triangles without area and a vertex in none: that one sees nothing."""
+    vertices, triangles = box()
+    broken = np.concatenate([triangles[2:], [[0, 0, 1], [2, 2, 2]]])
+    body = triangle_body(np.concatenate([vertices, [[9.0, 9, 9]]]), broken)
+    made = precompute(body, SAMPLED, tmp_path, shells=PLAN)
+    assert made.self_visibility.leaves(0).max() > 0.5
+    assert made.self_visibility.leaves(8).max() == 0
+    assert len(body.triangles) == 10
+    assert made.field.mean_cut > 1
+
+
 def test_a_flat_body_has_an_outline_and_no_field(tmp_path):
     made = precompute(triangle_body(*square()), SAMPLED, tmp_path, shells=PLAN)
     assert isinstance(made.field, FlatOutline)

@@ -13,6 +13,7 @@ from processing.environment.equirectangular import read_environment
 from processing.errors import ProcessingError
 from processing.geometry import rigid
 from processing.lighting.brdfs import Brdf
+from processing.lighting.outline import flat_outline
 from processing.lighting.triangle_body import TriangleBody
 from processing.products import Environment
 from processing.products.arrays import Float64
@@ -127,7 +128,7 @@ def _body(table: BodyTable, path: Path, doubts: list[str]) -> SceneBody:
         if table.edge_mm is not None:
             mesh = subdivided(mesh, table.edge_mm / 1e3)
         triangles, faults = body_of(mesh)
-    if table.casts:  # what throws no shadows may be open, as a floor is
+    if table.casts and flat_outline(triangles) is None:  # what throws no shadows may be open, and so may a floor
         doubts += [f"{table.name}: {fault}" for fault in faults]
     place = Place.of(table.place_mm, table.turn_deg)
     return SceneBody(table.name, mesh, triangles, place, table.casts, _material_name(table))

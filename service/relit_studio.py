@@ -12,7 +12,7 @@ import numpy as np
 from processing.geometry import rotation_z
 from processing.lighting.brdfs import Brdf
 from processing.lighting.directions import SampleDirections, sample_directions
-from processing.lighting.precomputation import cached_field, cached_self_visibility
+from processing.lighting.precomputation import cached_self_visibility, outline_or_field
 from processing.lighting.relighting import Recomputed, Relighting
 from processing.lighting.shells import ShellPlan
 from processing.lighting.surroundings import RelitBody
@@ -164,4 +164,4 @@ def _precomputed(
     if not body.casts:
         return RelitBody(body.triangles, cuts, None)
     shells = ShellPlan(scene.precomputation.resolution)
-    return RelitBody(body.triangles, cuts, cached_field(body.triangles, sampled, folder, report, shells=shells)[0])
+    return RelitBody(body.triangles, cuts, outline_or_field(body.triangles, sampled, folder, report, shells=shells))

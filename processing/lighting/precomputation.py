@@ -69,8 +69,19 @@ def precompute(
 ) -> PrecomputedBody:
     """Both of a body that catches light and casts shadows; `folder` keeps them."""
     cuts, _ = cached_self_visibility(body, sampled, folder, report, tolerance=tolerance)
-    field = flat_outline(body) or cached_field(body, sampled, folder, report, shells=shells)[0]
-    return PrecomputedBody(body, cuts, field)
+    return PrecomputedBody(body, cuts, outline_or_field(body, sampled, folder, report, shells=shells))
+
+
+def outline_or_field(
+    body: TriangleBody,
+    sampled: SampleDirections,
+    folder: Path,
+    report: Progress | None = None,
+    *,
+    shells: ShellPlan | None = None,
+) -> VisibilityField | FlatOutline:
+    """What tells the shadows that a body casts: a flat one's outline, which is exact, or the field of any other."""
+    return flat_outline(body) or cached_field(body, sampled, folder, report, shells=shells)[0]
 
 
 def cached_self_visibility(

@@ -23,9 +23,10 @@ Array = NDArray[Any]
 VARIANT = "scalar_rgb"
 _ROWS = 513  # of the panorama: a third of a degree
 _PARTS = 2  # of a pixel along each side, whose mean it is
-_INSIDE = 0.002  # of the way from a vertex to the middle of a triangle: there a ray meets that triangle
-_AWAY = 1e-4  # of the body's radius: how far off the surface that ray begins
-_LOWEST = 0.15  # cosine of the eye over a triangle that is asked
+_OFF = 1e-4  # of the body's radius: how far off their vertices the patches are, as the origins of our rays
+_PATCH = 1e-4  # of the radius: size of a patch
+_AWAY = 1e-3  # of the radius: how far before a patch its ray begins
+_LOWEST = 0.15  # cosine of the eye over a patch that is asked
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,21 +67,28 @@ class MirrorFacets:
 
 
 def facing(piece: Painted, eye: Float64) -> Array:
-    """Vertices (n,) that the eye sees from above their horizon, beside a triangle that faces it."""
-    return np.flatnonzero(_best_triangle(piece, eye)[1] > _LOWEST)
+    """Vertices (n,) above whose horizon the eye is."""
+    toward = _unit(eye - piece.body.vertices - piece.place)
+    return np.flatnonzero(np.einsum("ni,ni->n", piece.body.normals, toward) > _LOWEST)
 
 
 def radiance_at(
     pieces: Sequence[Painted], number: int, vertices: Array, environment: Environment, eye: Float64, samples: int
 ) -> Float64:
-    """Radiance (2, n, 3) toward the eye of vertices of one piece, found twice; raises ImportError without mitsuba."""
+    """Radiance (2, n, 3) toward the eye of vertices of one piece, found twice; raises ImportError without mitsuba.
+
+    Each vertex is a tiny triangle of its own, across its normal: on those of the body, normals turn from vertex to
+    vertex, and light from under a facet's own horizon is blocked.
+    """
     import mitsuba as mi  # type: ignore[import-not-found, unused-ignore]
 
     mi.set_variant(VARIANT)
-    origins, toward = _rays(pieces[number], vertices, eye)
+    patches = _patches(pieces[number], vertices)
+    middles = patches.body.vertices.reshape(-1, 3, 3).mean(axis=1) + patches.place
+    toward = _unit(eye - middles)
     meters = {
         f"ray_{i:06}": {"type": "radiancemeter", "origin": o.tolist(), "direction": d.tolist(), "film": _film(1)}
-        for i, (o, d) in enumerate(zip(origins, toward, strict=True))
+        for i, (o, d) in enumerate(zip(middles + _AWAY * pieces[number].body.radius * toward, -toward, strict=True))
     }
     sampler = {"type": "multijitter", "sample_count": samples}
     scene = {
@@ -89,7 +97,7 @@ def radiance_at(
         "sensor": {"type": "batch", "film": _film(len(vertices)), "sampler": sampler, **meters},
         "light": {"type": "envmap", "bitmap": mi.Bitmap(panorama(environment))},
     }
-    scene |= {f"piece_{k}": _mesh(mi, piece) for k, piece in enumerate(pieces)}
+    scene |= {f"piece_{k}": _mesh(mi, piece) for k, piece in enumerate([*pieces, patches])}
     loaded = mi.load_dict(scene)
     return np.array([np.array(mi.render(loaded, seed=seed), np.float64)[0, :, :3] for seed in (0, 1)])
 
@@ -117,32 +125,21 @@ def panorama(environment: Environment, rows: int = _ROWS) -> NDArray[np.float32]
     return found * np.asarray(environment.integral / np.maximum(light, 1e-300), np.float32)
 
 
-def _rays(piece: Painted, vertices: Array, eye: Float64) -> tuple[Float64, Float64]:
-    """Rays from the eye's side that meet a triangle just beside each vertex: origins and directions (n, 3)."""
-    body = piece.body
-    triangle = _best_triangle(piece, eye)[0][vertices]
-    middles = body.vertices[body.triangles[triangle]].mean(axis=1)
-    points = (1 - _INSIDE) * body.vertices[vertices] + _INSIDE * middles + piece.place
-    toward = eye - points
-    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-    return points + _AWAY * body.radius * toward, -toward
+def _patches(piece: Painted, vertices: Array) -> Painted:
+    """A tiny triangle off each vertex (n,), across its normal."""
+    body, normals = piece.body, piece.body.normals[vertices]
+    along = _unit(np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)]))
+    across = np.cross(normals, along)
+    angles = 2 * np.pi * np.arange(3)[:, None, None] / 3
+    rim = np.swapaxes(np.cos(angles) * along + np.sin(angles) * across, 0, 1)
+    corners = body.vertices[vertices, None] + body.radius * (_OFF * normals[:, None] + _PATCH * rim)
+    triangles = np.arange(3 * len(vertices), dtype=np.int32).reshape(-1, 3)
+    patches = TriangleBody(corners.reshape(-1, 3), np.repeat(normals, 3, axis=0), triangles)
+    return Painted(patches, piece.place, piece.reflectance)
 
 
-def _best_triangle(piece: Painted, eye: Float64) -> tuple[Array, Float64]:
-    """The triangle (n,) at each vertex that faces the eye most; the lesser of its cosine and the vertex's own."""
-    body = piece.body
-    corners = body.vertices[body.triangles]
-    facet = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    facet /= np.linalg.norm(facet, axis=1, keepdims=True)
-    toward = eye - body.vertices - piece.place
-    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-    cosine, found = np.full(len(toward), -1.0), np.zeros(len(toward), np.intp)
-    for k in range(3):
-        at = body.triangles[:, k]
-        own = np.einsum("mi,mi->m", facet, toward[at])
-        np.maximum.at(cosine, at, own)
-        found[at[own == cosine[at]]] = np.flatnonzero(own == cosine[at])
-    return found, np.minimum(cosine, np.einsum("ni,ni->n", body.normals, toward))
+def _unit(rows: Float64) -> Float64:
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
 def _film(width: int) -> dict[str, Any]:

@@ -34,7 +34,7 @@ EYE = np.array([1.6, -4.6, 3.4])
 WHITE = lambert(np.full(3, 0.7))
 _FLOOR_SIDE = 7.0
 CLEARANCE = 1e-3
-_FIELD_OF_VIEW_RAD = 0.75
+_FIELD_OF_VIEW_RAD = 0.6
 _LOOKED_AT = np.array([0.0, 0.1, 0.45])
 
 

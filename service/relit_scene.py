@@ -128,7 +128,7 @@ def _body(table: BodyTable, path: Path, doubts: list[str]) -> SceneBody:
         if table.edge_mm is not None:
             mesh = subdivided(mesh, table.edge_mm / 1e3)
         triangles, faults = body_of(mesh)
-    if table.casts and flat_outline(triangles) is None:  # what throws no shadows may be open, and so may a floor
+    if table.casts and flat_outline(triangles) is None:  # a floor is open, and hides what it should
         doubts += [f"{table.name}: {fault}" for fault in faults]
     place = Place.of(table.place_mm, table.turn_deg)
     return SceneBody(table.name, mesh, triangles, place, table.casts, _material_name(table))
@@ -165,20 +165,13 @@ def _environments(file: SceneFile, path: Path) -> dict[str, Environment]:
             label = light_name(path.parent / name)
             if label in found:
                 raise ConfigError(f"another environment is named {label!r} already; rename one")
-            environment = read_light(path.parent / name)
-            found[label] = environment if file.light_from_below else _from_above(environment)
+            found[label] = read_light(path.parent / name)
     return found
 
 
 def light_name(source: Path) -> str:
     """What people call it: the file or folder, or the session that captured it."""
     return source.parents[1].name if source.parent.name == "products" else source.stem
-
-
-def _from_above(environment: Environment) -> Environment:
-    """Dark below the horizon, where a floor hides the light."""
-    above = environment.directions[..., 2:] > 0
-    return Environment(np.where(above, environment.radiance, np.float32(0)), environment.provenance)
 
 
 def read_light(source: Path) -> Environment:
@@ -191,7 +184,7 @@ def read_light(source: Path) -> Environment:
 
 
 def _orbit(table: CameraTable, bodies: tuple[SceneBody, ...]) -> Orbit:
-    shown = [body for body in bodies if body.casts] or list(bodies)
+    shown = [body for body in bodies if flat_outline(body.triangles) is None] or list(bodies)
     points = np.concatenate([_in_world(body) for body in shown])
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     x, y, z = middle.tolist()

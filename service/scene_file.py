@@ -69,7 +69,7 @@ class BodyTable(Model):
 
 
 class CameraTable(Model):
-    """From where the scene is seen; without target and distance, all that casts shadows."""
+    """From where the scene is seen; without target and distance, all but floors."""
 
     azimuth_deg: Bounded = -50.0
     elevation_deg: float = Field(default=28.0, ge=-89, le=89)
@@ -92,7 +92,6 @@ class SceneFile(Model):
     environment: str
     environments: tuple[str, ...] = ()
     light_azimuth_deg: Bounded = 0.0
-    light_from_below: bool = True
     camera: CameraTable = CameraTable()
     precomputation: PrecomputationTable = PrecomputationTable()
     materials: dict[Name, Material] = Field(default_factory=dict)

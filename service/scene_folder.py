@@ -55,7 +55,7 @@ def _product_file(product: Path, shape: str, lights: list[Path]) -> SceneFile:
     radius_m = _RADIUS_MM / 1e3
     lowest_m = radius_m * float(SHAPES[shape]().positions[:, 2].min())
     bodies = (
-        BodyTable(name="floor", mesh="plane", scale=(_FLOOR * radius_m,) * 3, edge_mm=_FLOOR_EDGE_MM, casts=False),
+        BodyTable(name="floor", mesh="plane", scale=(_FLOOR * radius_m,) * 3, edge_mm=_FLOOR_EDGE_MM),
         BodyTable(
             name=shape, mesh=shape, scale=(radius_m,) * 3, place_mm=(0, 0, 1 - 1e3 * lowest_m), material=product.name
         ),
@@ -63,7 +63,6 @@ def _product_file(product: Path, shape: str, lights: list[Path]) -> SceneFile:
     return SceneFile(
         environment=str(lights[0].resolve()),
         environments=tuple(str(path.resolve()) for path in lights[1:]),
-        light_from_below=False,
         camera=CameraTable(),
         precomputation=_QUICK,
         materials={product.name: ProductMaterial(product=product.resolve())},

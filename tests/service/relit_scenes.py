@@ -9,7 +9,6 @@ from processing.formats.radiance_hdr import write_hdr
 COARSE = """
 environment = "day.hdr"
 environments = ["night.hdr"]
-light_from_below = false
 
 [camera]
 azimuth_deg = -50
@@ -34,7 +33,6 @@ name = "floor"
 mesh = "plane"
 scale = 0.5
 edge_mm = 60
-casts = false
 
 [[body]]
 name = "box"

@@ -14,6 +14,7 @@ from processing.products.light_environment import Environment, cube_directions, 
 
 _TABLE = 256  # cells along a cube's side: a third of a degree, a third of the spacing of 32 768 directions
 _FINE = 256  # parts along a cube's side that a coarse environment is split into: 12 for each leaf
+_AROUND = 8
 _ORTHONORMAL = 1e-6
 
 
@@ -74,6 +75,35 @@ def checked_rotation(matrix: Float64) -> Float64:
 def leaves_of(directions: Float64, sampled: SampleDirections) -> Int32:
     """The leaf (n,) whose direction is nearest to each of `directions` (n, 3), by search."""
     return np.asarray(cKDTree(sampled.directions).query(directions, workers=2)[1], np.int32)
+
+
+def turned_leaves(turn: Float64, sampled: SampleDirections) -> Int32:
+    """The leaf (leaves,) nearest to each leaf's direction after a rotation (3, 3), as by `leaves_of` but soon."""
+    ways, found = sampled.directions @ turn.T, np.empty(len(sampled.directions), np.int32)
+    _climb(ways, sampled.directions, nearest_leaves(sampled), _leaves_around(sampled), found)
+    return found
+
+
+@lru_cache(maxsize=4)
+def _leaves_around(sampled: SampleDirections) -> Int32:
+    """Each leaf and the nearest others (leaves, 9): its cell's neighbours are among them."""
+    return np.asarray(cKDTree(sampled.directions).query(sampled.directions, _AROUND + 1)[1], np.int32)
+
+
+@numba.njit(cache=True, nogil=True)
+def _climb(ways: Float64, directions: Float64, table: Int32, around: Int32, found: Int32) -> None:
+    """From the leaf of the table's cell on to the nearest one around, as long as one is nearer."""
+    for i in range(len(ways)):
+        x, y, z = ways[i, 0], ways[i, 1], ways[i, 2]
+        leaf, best = -1, -2.0
+        nearer = leaf_at(x, y, z, table)
+        while nearer != leaf:
+            leaf = nearer
+            for other in around[leaf]:
+                along = x * directions[other, 0] + y * directions[other, 1] + z * directions[other, 2]
+                if along > best:
+                    nearer, best = other, along
+        found[i] = leaf
 
 
 @lru_cache(maxsize=4)

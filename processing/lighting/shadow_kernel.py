@@ -16,6 +16,7 @@ Int64 = NDArray[np.int64]
 
 WEIGHT_STEPS = 65536  # weights are multiples of 2^-16, so that sums of eight of them are exact in float32
 NOTHING, FIELD = -1, -2
+_MET, _ANY = 8, 65535
 
 
 class Slot(NamedTuple):
@@ -35,7 +36,7 @@ class Shadows(NamedTuple):
 
     `begin` and `end` (n, slots) are of the vertex's list in the slot, or `begin` is FIELD or NOTHING. Fields are asked
     at `places` (n, 3), less `middle` (slots, 3), times `turn` (slots, 3, 3). `leaf[slot]`, where `turned[slot]`, tells
-    which of the field's leaves each of the vertex's is.
+    which of the field's leaves each of the vertex's is, and `met[slot]` which runs of them (see `runs_met`).
     """
 
     begin: Int64
@@ -45,14 +46,18 @@ class Shadows(NamedTuple):
     turn: Float64
     turned: Bool
     leaf: UInt16
+    met: UInt16
     slots: list[Slot]
 
 
 class Scratch(NamedTuple):
-    """Room for one thread: `change` (bodies, leaves) and `marks` (bits of leaves) are zeros between two vertices."""
+    """Room for one thread: `change` (bodies, leaves), `marks` (bits of leaves), `function` (leaves) and `bent` (runs)
+    are zeros between two vertices."""
 
     change: Float32
-    mean: Float32
+    function: Float32
+    bent: Bool
+    level: Float32
     marks: UInt64
     now: Float32
     place: Float64
@@ -64,9 +69,11 @@ class Scratch(NamedTuple):
 def scratch_for(shadows: Shadows, leaves: int) -> Scratch:
     """Room for the slots of shadows."""
     bodies = shadows.begin.shape[1]
-    change, mean = np.zeros((bodies, leaves), np.float32), np.empty(leaves, np.float32)
+    change, function = np.zeros((bodies, leaves), np.float32), np.zeros(leaves, np.float32)
+    bent, level = np.zeros(leaves // _run(leaves), np.bool_), np.empty(leaves // _run(leaves), np.float32)
     marks, now = np.zeros((leaves + 63) // 64, np.uint64), np.empty(bodies, np.float32)
-    return Scratch(change, mean, marks, now, np.empty(3), np.empty(8, np.int32), np.empty(8, np.float32))
+    cell = np.empty(3), np.empty(8, np.int32), np.empty(8, np.float32)
+    return Scratch(change, function, bent, level, marks, now, *cell)
 
 
 @numba.njit(nogil=True, cache=True)
@@ -103,10 +110,8 @@ def _mark_field(i: int, k: int, shadows: Shadows, scratch: Scratch, change: Floa
             place[axis] += (shadows.places[i, other] - shadows.middle[k, other]) * shadows.turn[k, other, axis]
     find_cell(place, slot.radii, slot.neighbours, slot.sealed, index, weight)
     round_weights(weight)
-    turned = shadows.turned[k]
-    row = scratch.mean if turned else change
-    if turned:
-        row[:] = 0
+    turned, run = shadows.turned[k], _run(len(change))
+    row = scratch.function if turned else change
     for corner in range(8):
         share = weight[corner]
         if share == 0:
@@ -114,10 +119,13 @@ def _mark_field(i: int, k: int, shadows: Shadows, scratch: Scratch, change: Floa
         for at in range(slot.first[index[corner]], slot.first[index[corner] + 1]):
             share = -share
             row[slot.toggles[at]] += share
-            if not turned:
+            if turned:
+                scratch.bent[slot.toggles[at] // run] = True
+            else:
                 mark(scratch.marks, slot.toggles[at])
     if turned:
-        _turned(scratch.mean, shadows.leaf[k], change, scratch.marks)
+        _sum_up(scratch)
+        _turned(scratch, shadows.leaf[k], shadows.met[k], change)
 
 
 @numba.njit(nogil=True, cache=True)
@@ -136,16 +144,62 @@ def round_weights(weight: Float32) -> None:
 
 
 @numba.njit(nogil=True, cache=True)
-def _turned(mean: Float32, leaf: UInt16, change: Float32, marks: UInt64) -> None:
-    """Changes of a field whose frame is turned against the vertex's: its function, asked leaf by leaf."""
-    value = np.float32(1)
-    for k in range(len(mean)):
-        value += mean[k]
-        mean[k] = value
+def _run(leaves: int) -> int:
+    """Leaves that are looked at together where frames are turned."""
+    return min(leaves, 32)
+
+
+@numba.njit(nogil=True, cache=True)
+def runs_met(leaf: UInt16) -> UInt16:
+    """Runs of a field's leaves that each run of a vertex's meets (runs, 8), by the table `leaf`; ANY where more."""
+    run = _run(len(leaf))
+    found = np.empty((len(leaf) // run, _MET), np.uint16)
+    for i in range(len(found)):
+        count = 0
+        for k in range(i * run, (i + 1) * run):
+            met = leaf[k] // run
+            known = False
+            for j in range(min(count, _MET)):
+                known |= found[i, j] == met
+            if not known:
+                if count < _MET:
+                    found[i, count] = met
+                count += 1
+        found[i, min(count, _MET) :] = found[i, 0]
+        if count > _MET:
+            found[i, 0] = _ANY
+    return found
+
+
+@numba.njit(nogil=True, cache=True)
+def _sum_up(scratch: Scratch) -> None:
+    """Turn changes into the function, in runs where it bends; what it is elsewhere, or at a run's end, is `level`."""
+    function, value, run = scratch.function, np.float32(1), _run(len(scratch.function))
+    for i in range(len(scratch.bent)):
+        for k in range(i * run, (i + 1) * run if scratch.bent[i] else 0):
+            value += function[k]
+            function[k] = value
+        scratch.level[i] = value
+
+
+@numba.njit(nogil=True, cache=True)
+def _turned(scratch: Scratch, leaf: UInt16, met: UInt16, change: Float32) -> None:
+    """Changes of a field in another frame than the vertex's: where its function bends, it is asked leaf by leaf."""
+    function, bent, level, run = scratch.function, scratch.bent, scratch.level, _run(len(leaf))
     before = np.float32(1)
-    for k in range(len(leaf)):
-        value = mean[leaf[k]]
-        if value != before:
-            change[k] = value - before
-            mark(marks, k)
-            before = value
+    for i in range(len(met)):
+        value = level[met[i, 0]] if met[i, 0] != _ANY else np.float32(0)
+        even = met[i, 0] != _ANY
+        for j in range(_MET if even else 0):
+            even &= not bent[met[i, j]] and level[met[i, j]] == value
+        for k in range(i * run, i * run + 1 if even else (i + 1) * run):
+            if not even:
+                value = function[leaf[k]] if bent[leaf[k] // run] else level[leaf[k] // run]
+            if value != before:
+                change[k] = value - before
+                mark(scratch.marks, k)
+                before = value
+    for i in range(len(bent)):
+        if bent[i]:
+            function[i * run : (i + 1) * run] = 0
+            bent[i] = False

@@ -14,11 +14,11 @@ from processing.lighting.cuts import Cuts
 from processing.lighting.directions import SampleDirections
 from processing.lighting.field import VisibilityField
 from processing.lighting.kept_runs import KeptRuns
-from processing.lighting.light import leaves_of
+from processing.lighting.light import turned_leaves
 from processing.lighting.moving_kernel import Steps
 from processing.lighting.outline import FlatOutline
 from processing.lighting.rays import Bool
-from processing.lighting.shadow_kernel import FIELD, NOTHING, Shadows, Slot, round_weights
+from processing.lighting.shadow_kernel import FIELD, NOTHING, Shadows, Slot, round_weights, runs_met
 from processing.lighting.tracing import BodyTracer, leaf_rays
 from processing.lighting.triangle_body import TriangleBody
 from processing.products.arrays import Float32, Float64
@@ -90,7 +90,12 @@ class Neighbour:
         """Which of the body's leaves each of the other's is; empty where they are the same."""
         if not self.turned:
             return _NO_LEAVES
-        return leaves_of(self.sampled.directions @ self.turn, self.sampled).astype(np.uint16)
+        return turned_leaves(self.turn.T, self.sampled).astype(np.uint16)
+
+    @cached_property
+    def met(self) -> UInt16:
+        """Runs of the body's leaves that the other's meet (see `runs_met`)."""
+        return runs_met(self.leaf) if self.turned else np.zeros((0, 0), np.uint16)
 
     def lies_as(self, other: "Neighbour | None") -> bool:
         """Whether nothing has changed."""
@@ -194,16 +199,17 @@ def exact_weights(weights: Float32) -> Float32:
     return found
 
 
-def _frames(near: list[Neighbour]) -> tuple[Float64, Float64, Bool, UInt16]:
+def _frames(near: list[Neighbour]) -> tuple[Float64, Float64, Bool, UInt16, UInt16]:
     count = max(len(near), 1)
     middle, turn, turned = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_)
-    leaves = max((len(one.leaf) for one in near), default=0)
-    leaf = np.zeros((count, leaves), np.uint16)
+    asked = [one for one in near if one.turned and isinstance(one.relit.field, VisibilityField)]
+    leaf = np.zeros((count, len(asked[0].leaf) if asked else 0), np.uint16)
+    met = np.zeros((count, *(asked[0].met.shape if asked else (0, 0))), np.uint16)
     for k, one in enumerate(near):
         middle[k], turn[k], turned[k] = one.middle, one.turn, one.turned
-        if one.turned:
-            leaf[k] = one.leaf
-    return middle, turn, turned, leaf
+        if one in asked:
+            leaf[k], met[k] = one.leaf, one.met
+    return middle, turn, turned, leaf, met
 
 
 def _slots(near: list[Neighbour], lists: list[UInt16]) -> list[Slot]:

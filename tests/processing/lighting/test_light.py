@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from processing.errors import GeometryError, ImageError
 from processing.lighting.directions import sample_directions
-from processing.lighting.light import EnvironmentLight, leaf_at, nearest_leaves
+from processing.lighting.light import EnvironmentLight, leaf_at, leaves_of, nearest_leaves, turned_leaves
 from processing.products.light_environment import Environment
 
 SAMPLED = sample_directions(9)
@@ -70,3 +73,14 @@ def test_leaves_are_found_within_a_cell_of_the_table():
     along = (directions / np.linalg.norm(directions, axis=1, keepdims=True)) @ SAMPLED.directions.T
     near = np.arccos(np.clip(along, -1, 1))
     assert (near[np.arange(500), found] - near.min(axis=1)).max() < 2 * 2 / 256
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([4, 9, 12]))
+def test_turned_leaves_are_the_nearest_ones(seed, height):
+    sampled, turn = sample_directions(height), Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    ways = sampled.directions @ turn.T
+    found = turned_leaves(turn, sampled)
+    expected = leaves_of(ways, sampled)
+    along = [(ways * sampled.directions[leaf]).sum(axis=1) for leaf in (found, expected)]
+    assert np.allclose(*along, rtol=0, atol=1e-12)

@@ -88,7 +88,7 @@ class SceneBody:
 class RelitScene:
     """All that a scene's file says, read and checked; the first environment and the bodies' materials are shown.
 
-    `doubts` are sentences about what could be better.
+    With `background` the environment is seen behind the bodies. `doubts` are sentences about what could be better.
     """
 
     bodies: tuple[SceneBody, ...]
@@ -97,6 +97,7 @@ class RelitScene:
     light_azimuth_rad: float
     orbit: Orbit
     stops: float
+    background: bool
     precomputation: PrecomputationTable
     doubts: tuple[str, ...]
 
@@ -117,6 +118,7 @@ def made_scene(file: SceneFile, path: Path) -> RelitScene:
         radians(file.light_azimuth_deg),
         _orbit(file.camera, bodies),
         file.camera.stops,
+        file.camera.background,
         file.precomputation,
         tuple(doubts),
     )

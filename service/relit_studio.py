@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -9,6 +10,7 @@ from typing import Self, TypeVar
 
 import numpy as np
 
+from processing.environment.equirectangular import panorama_of
 from processing.geometry import rotation_z
 from processing.lighting.brdfs import Brdf
 from processing.lighting.directions import SampleDirections, sample_directions
@@ -16,9 +18,12 @@ from processing.lighting.precomputation import cached_self_visibility, outline_o
 from processing.lighting.relighting import Recomputed, Relighting
 from processing.lighting.shells import ShellPlan
 from processing.lighting.surroundings import RelitBody
+from processing.products import Environment
 from processing.products.arrays import Float32, Float64
 from processing.progress import Progress
+from render.environment import Environment as Panorama
 from render.picture import LUMINANCE, Srgb8
+from render.relit_bodies import Background
 from render.relit_view import open_relit_view
 from service.relit_on_card import open_cached_frame
 from service.relit_scene import Orbit, Place, RelitScene, SceneBody
@@ -75,7 +80,11 @@ class Studio:
         for body in scene.bodies:
             self.put(body.name, body.place)
             self._relighting.paint(self._numbers[body.name], scene.materials[body.material])
-        self._view = open_relit_view([body.mesh for body in scene.bodies])
+        self._panorama: tuple[Environment, Panorama] | None = None
+        with ExitStack() as opened:
+            opened.callback(self._cached_frame.release)
+            self._view = open_relit_view([body.mesh for body in scene.bodies])
+            opened.pop_all()
 
     @property
     def renderer_name(self) -> str:
@@ -118,7 +127,7 @@ class Studio:
         frame = self._relighting.frame(visible)
         self._radiance[visible] = frame.radiance
         lit = time.perf_counter()
-        codes = self._view.draw(camera, poses, self._radiance).srgb8(self._exposure)
+        codes = self._view.draw(camera, poses, self._radiance, self._background).srgb8(self._exposure)
         drawing_s = time.perf_counter() - lit + seen - begun
         return Shot(codes, frame.recomputed, len(visible), len(self._radiance), lit - seen, drawing_s)
 
@@ -138,6 +147,17 @@ class Studio:
     @property
     def _poses(self) -> list[Float64]:
         return [self.places[body.name].pose for body in self.scene.bodies]
+
+    @property
+    def _background(self) -> Background | None:
+        """The environment as it is turned; one picture of it is kept."""
+        if not self.scene.background:
+            return None
+        light = self.scene.environments[self.environment]
+        if self._panorama is None or self._panorama[0] is not light:
+            picture = np.asarray(panorama_of(light, 2 * light.size).picture, np.float32)
+            self._panorama = light, Panorama(picture)
+        return Background(self._panorama[1], rotation_z(self.light_azimuth_rad)[:3, :3])
 
     @property
     def _exposure(self) -> float:

@@ -77,6 +77,7 @@ class CameraTable(Model):
     target_mm: Spot | None = None
     field_of_view_deg: float = Field(default=38.0, ge=1, le=120)
     stops: float = Field(default=0.0, ge=-20, le=20)
+    background: bool = False  # the environment behind the bodies
 
 
 class PrecomputationTable(Model):

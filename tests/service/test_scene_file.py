@@ -128,6 +128,24 @@ def test_the_picture_has_the_brightness_that_the_light_tells(tmp_path):
         assert ((code + 0.055) / 1.055) ** 2.4 == pytest.approx(shown, rel=0.02)
 
 
+def test_the_environment_stands_behind_the_bodies_and_turns_with_the_light(tmp_path):
+    """Light from +X is seen from -X, and from +X once it is turned by half a turn; without being asked for, never."""
+    shine = np.full((8, 16, 3), 0.01, np.float32)
+    shine[:, 4:12] = 1.0
+    codes = {}
+    for shown in ("true", "false"):
+        text = COARSE.replace("azimuth_deg = -50\nelevation_deg = 30", f"azimuth_deg = 180\nbackground = {shown}")
+        path = write_scene(tmp_path, text)
+        write_hdr(tmp_path / "day.hdr", shine)
+        scene = open_scene(path)
+        with Studio(scene, precomputed(scene, tmp_path / "kept", Silence()), (48, 32)) as studio:
+            codes[shown] = [studio.draw().codes[0, 24].mean()]
+            studio.turn_light(np.pi)
+            codes[shown].append(studio.draw().codes[0, 24].mean())
+    assert codes["true"][0] > 150 > 60 > codes["true"][1]
+    assert codes["false"][0] == codes["false"][1]
+
+
 def relight(*arguments):
     return CliRunner().invoke(app, ["relight", *map(str, arguments)])
 

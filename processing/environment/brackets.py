@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from processing.errors import ImageError
 from processing.formats.photo import Photograph, read_photo
-from processing.products.arrays import Float32, Float64
+from processing.products.arrays import Float32
 from processing.radiometry import photograph_kernel
 from processing.radiometry.alignment import shift_error
 from processing.radiometry.bracket import RAW_SUFFIXES, merge_files, photograph_exposures
@@ -19,7 +19,7 @@ from processing.radiometry.photograph_shift import photograph_shift
 from processing.radiometry.photographs import merge_photographs, merge_tables
 from processing.radiometry.response import Response
 
-_NEAR_WHITE, _WHITE = 236, 255  # codes
+_WHITE = 255  # code
 _MIDDLE, _WELL = (40, 235), 0.05  # codes that are well exposed, and the least share of them in a photograph
 
 
@@ -116,9 +116,8 @@ def merge_bracket(bracket: Bracket, response: Response | None = None) -> ProbePh
         shift = photograph_shift(stack[i : i + 2], found.response, (i, i + 1))
         if shift.refused:
             raise shift_error(shift, names)
-    whitened = whiten(stack, exposure, found.response)
     tables = merge_tables(found.response)
-    radiance = Radiance(*photograph_kernel.merge_photographs(whitened, np.log(exposure), *tables))
+    radiance = Radiance(*photograph_kernel.merge_photographs(stack, np.log(exposure), *tables))
     camera = replace(found.response, camera=frames[order[0]].model)
     absolute = all(frame.iso > 0 and frame.f_number > 0 for frame in frames.values())
     photograph = _bounded(radiance, np.eye(3), camera, float(exposure[0]))
@@ -142,26 +141,6 @@ def _exposures(bracket: Bracket, frames: Mapping[Path, Photograph]) -> Mapping[P
     if len(bracket.files) != len(bracket.exposure_s):
         raise ImageError(f"{len(bracket.files)} photographs with {len(bracket.exposure_s)} exposure times.")
     return dict(zip(bracket.files, bracket.exposure_s, strict=True))
-
-
-def whiten(stack: NDArray[np.uint8], exposure: Float64, response: Response) -> NDArray[np.uint8]:
-    """Photographs (k, h, w, c) of rising exposure, white where a shorter one says so.
-
-    JPEG moves a white pixel beside an edge off the end of the codes, by up to a dozen, where it would pass for a
-    measurement of far less light. A code near white becomes white where the next shorter exposure that is not near
-    white itself says that there is more light than white.
-    """
-    result = stack.copy()
-    light, white = response.light, response.light[_WHITE]
-    told = np.zeros(stack.shape[1:])
-    for i, codes in enumerate(stack):
-        near = codes >= _NEAR_WHITE
-        result[i][near & (told * exposure[i] > white)] = _WHITE
-        for c in range(stack.shape[-1]):
-            here = light[codes[..., c], c] / exposure[i]
-            # Of a clipped pixel no more is known than before.
-            told[..., c] = np.where(near[..., c], np.maximum(told[..., c], here), here)
-    return result
 
 
 def _bounded(

@@ -129,7 +129,7 @@ def _reflections(
     if not options.detect:
         nothing = np.zeros(shape, np.bool_)
         return FrameReflections(nothing, nothing, 0)
-    return find_reflections(photographs[0].luminance, photographs[1].luminance, circles)
+    return find_reflections(photographs[0].picture, photographs[1].picture, circles)
 
 
 def _registered(views: list[View], lens: Fisheye, options: CaptureOptions) -> Registration:

@@ -16,13 +16,15 @@ from scipy.ndimage import (
     map_coordinates,
 )
 
+from processing.environment.frame_sectors import mask_of_sectors, sectors_of_ring
 from processing.environment.image_circle import ImageCircle
+from processing.environment.ring import RingGrid, ring_grid
 from processing.errors import ImageError
 from processing.products.arrays import Float64
 
 Mask = NDArray[np.bool_]
-_RING = 0.6, 0.992  # of the image radius: where a frame reflects
 _BLUR_PX = 1.0
+_CELLS = 200.0  # to the image radius, at most: sectors of the ring are looked for as coarsely
 _FLOOR = 1e-3  # of the mean light: under it the logarithm says nothing
 _LEVELS = 0.12, 0.17, 0.24, 0.34, 0.48, 0.68, 0.96, 1.36  # log light over what is around: outlines are tried at each
 _AROUND = 0.7  # radians of azimuth that "around" is
@@ -46,45 +48,6 @@ def mask_of_rectangles(shape: tuple[int, int], rectangles_px: Sequence[tuple[int
             raise ImageError(f"rectangle {left},{top},{width},{height} is not within {shape[1]} x {shape[0]} pixels.")
         mask[top : top + height, left : left + width] = True
     return mask
-
-
-@dataclass(frozen=True, eq=False)
-class RingGrid:
-    """Polar places around a circle's centre: radii (r,) in pixels, `count` azimuths, about a pixel apart."""
-
-    centre_px: Float64
-    radii_px: Float64
-    count: int
-
-    @property
-    def places_px(self) -> Float64:
-        """(r, count, 2) as (column, row)."""
-        angle = 2 * np.pi * np.arange(self.count) / self.count
-        toward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        return np.asarray(self.centre_px + self.radii_px[:, None, None] * toward)
-
-    def sample(self, picture: NDArray[np.floating]) -> Float64:
-        """A picture (h, w) at the places (r, count), linear between pixels."""
-        at = self.places_px
-        found = map_coordinates(np.asarray(picture, np.float64), [at[..., 1], at[..., 0]], order=1, mode="nearest")
-        return np.asarray(found, np.float64)
-
-    def back(self, ring: Float64, shape: tuple[int, int]) -> Float64:
-        """Values (r, count) at the pixels (h, w) of the picture, 0 outside of the ring."""
-        rows, columns = np.indices(shape)
-        x, y = columns - self.centre_px[0], rows - self.centre_px[1]
-        step = self.radii_px[1] - self.radii_px[0]
-        r = (np.hypot(x, y) - self.radii_px[0]) / step
-        phi = np.arctan2(y, x) % (2 * np.pi) / (2 * np.pi) * self.count
-        wrapped = np.concatenate([ring, ring[:, :1]], axis=1)
-        found = map_coordinates(wrapped, [np.clip(r, 0, len(ring) - 1), phi], order=1, mode="nearest")
-        return np.where((r >= 0) & (r <= len(ring) - 1), found, 0.0)
-
-
-def ring_grid(circle: ImageCircle) -> RingGrid:
-    """The ring of a circle in which reflections of the frame are looked for."""
-    inner, outer = (share * circle.radius_px for share in _RING)
-    return RingGrid(circle.centre_px, np.arange(inner, outer, 1.0), int(2 * np.pi * 0.9 * circle.radius_px) // 2 * 2)
 
 
 def common_layer(front: Float64, back: Float64) -> Float64:
@@ -132,20 +95,37 @@ class FrameReflections:
 def find_reflections(
     front: NDArray[np.floating], back: NDArray[np.floating], circles: tuple[ImageCircle, ImageCircle]
 ) -> FrameReflections:
-    """Reflections of the lens's frame in linear pictures (h, w) of two different directions by one lens.
+    """Reflections of the lens's frame in linear pictures (h, w, 3) of two different directions by one lens.
 
     They sit at the same place of the image circle while the scene differs, and follow the frame's ring. Outlines are
-    drawn, at several levels, in the layer that both pictures have in common; those count across which both pictures
-    change alike, of the size and shape that a frame leaves. A reflection that is brighter than one scene and darker
-    than the other is not found, nor one that runs out over the rim: give these as a mask.
+    drawn, at several levels, in the layer that the luminance of both pictures has in common; those count across which
+    both change alike, of the size and shape that a frame leaves. Beside them count sectors of the ring across whose
+    sides both pictures step, in light or in colour, either way. One that has the light and the colour of both scenes is
+    not found: give it as a mask.
     """
-    grids = [ring_grid(circles[0])]
-    grids.append(RingGrid(circles[1].centre_px, grids[0].radii_px * circles[1].radius_px / circles[0].radius_px,
-                          grids[0].count))  # fmt: skip
-    logs = [_ring_log(picture, grid) for picture, grid in zip((front, back), grids, strict=True)]
-    ring, count = _patches(_Layers.of(*logs), grids[0])
-    masks = [grid.back(ring.astype(np.float64), np.shape(front)) > 0.5 for grid in grids]
-    return FrameReflections(masks[0], masks[1], count)
+    lights = [np.nan_to_num(np.asarray(picture, np.float64)) for picture in (front, back)]
+    shape = lights[0].shape[:2]
+    grid = ring_grid(circles[0])
+    logs = [_ring_log(light.mean(axis=-1), grid.of(circle)) for light, circle in zip(lights, circles, strict=True)]
+    ring, count = _patches(_Layers.of(*logs), grid)
+    coarse = ring_grid(circles[0], max(circles[0].radius_px / _CELLS, 1.0))
+    features = [_colour_logs(light, coarse.of(circle)) for light, circle in zip(lights, circles, strict=True)]
+    sectors = sectors_of_ring(features, coarse)
+    outlined = [grid.of(circle).back(ring.astype(np.float64), shape) > 0.5 for circle in circles]
+    more = mask_of_sectors(sectors, coarse.sample(outlined[0].astype(np.float64)) > 0.5).astype(np.float64)
+    masks = [mask | (coarse.of(circle).back(more, shape) > 0.5) for mask, circle in zip(outlined, circles, strict=True)]
+    return FrameReflections(masks[0], masks[1], max(count, int(label(masks[0])[1])))
+
+
+def _colour_logs(light: Float64, grid: RingGrid) -> Float64:
+    """Logarithms (3, r, count) of luminance, and of red and blue over green."""
+    floor = max(_FLOOR * float(light.mean()), np.finfo(float).tiny)
+    channels = [light.mean(axis=-1), *np.moveaxis(light, -1, 0)]
+    blur = _BLUR_PX * grid.step_px
+    log, red, green, blue = (
+        grid.sample(np.log(np.maximum(gaussian_filter(channel, blur), floor))) for channel in channels
+    )
+    return np.stack([log, red - green, blue - green])
 
 
 def _ring_log(picture: NDArray[np.floating], grid: RingGrid) -> Float64:
@@ -232,7 +212,7 @@ def _outlines(layers: _Layers, grid: RingGrid) -> list[_Outline]:
 
 def _fits(patch: Mask, rows: slice, grid: RingGrid) -> bool:
     """Whether a patch, cut out, has the size, place and shape of a frame's reflection."""
-    outer = grid.radii_px[-1] / _RING[1]
+    outer = grid.outer_px
     area, (high, wide) = np.count_nonzero(patch), patch.shape
     if rows.start == 0 or rows.stop == len(grid.radii_px) or not _AREA[0] * outer**2 < area < _AREA[1] * outer**2:
         return False

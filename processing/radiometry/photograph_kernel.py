@@ -15,6 +15,8 @@ TOLERANCE = 1e-6  # squared step in units of the variance: a thousandth of a sta
 # Columns of a channel's table by log exposure.
 WEIGHT, CLIPPED_SCORE, CLIPPED_INFORMATION, BLACK_SCORE, BLACK_INFORMATION, RESPONSE_SIGMA = range(6)
 _MEASURED, _BLACK, _CLIPPED = range(3)  # what a sample is
+NEAR_WHITE = 236  # JPEG moves a white pixel beside an edge off the end of the codes, by up to a dozen and more
+CERTAIN = 2.0  # standard deviations by which a shorter exposure must say that there is more light than white
 
 
 @njit(inline="always")
@@ -91,6 +93,27 @@ def _unmeasured(sample: Array, kind: NDArray[np.int64], exposure: Array, foot: f
     return black / black_s, (foot / black_s) ** 2, DARK
 
 
+@njit(inline="always")
+def _classify(
+    codes: NDArray[np.uint8], kind: NDArray[np.int64], exposure: Array, order: NDArray[np.int64], tables: Array
+) -> None:
+    """What each sample is: `tables` (3, 256) are light, inverse variance, and at [2] the end codes.
+
+    A code near white is clipped where the next shorter exposure that is not near white says that there is more light
+    than white: else what JPEG moved there would pass for a measurement of far less light.
+    """
+    light, weight, ends = tables
+    told = 0.0
+    for i in order:
+        z = codes[i]
+        near = z >= NEAR_WHITE
+        kind[i] = _CLIPPED if z > ends[1] else _BLACK if z < ends[0] else _MEASURED
+        if near and told * exposure[i] > light[255]:
+            kind[i] = _CLIPPED
+        least = (light[z] - CERTAIN / math.sqrt(weight[z])) / exposure[i]
+        told = max(told, least) if near else least
+
+
 @njit(parallel=True, cache=True)
 def merge_photographs(
     codes: NDArray[np.uint8],
@@ -110,19 +133,21 @@ def merge_photographs(
     variance = np.empty((height, width, channels), np.float32)
     status = np.empty((height, width, channels), np.uint8)
     exposure = np.exp(log_exposure)
-    weight = np.empty((channels, 256))
+    order = np.argsort(exposure)
+    known = np.zeros((channels, 3, 256))
     for c in range(channels):
+        known[c, 2, :2] = ends[c]
         for z in range(256):
-            weight[c, z] = table[c, _place(math.log(light[c, z]), grid), WEIGHT]
+            known[c, 0, z] = light[c, z]
+            known[c, 1, z] = table[c, _place(math.log(light[c, z]), grid), WEIGHT]
     for y in prange(height):
         sample, kind = np.empty(frames), np.empty(frames, np.int64)
         for x in range(width):
             for c in range(channels):
                 for i in range(frames):
-                    z = codes[i, y, x, c]
-                    sample[i] = light[c, z]
-                    kind[i] = _CLIPPED if z > ends[c, 1] else _BLACK if z < ends[c, 0] else _MEASURED
-                start = _own_mean(codes[:, y, x, c], sample, kind, exposure, weight[c])
+                    sample[i] = light[c, codes[i, y, x, c]]
+                _classify(codes[:, y, x, c], kind, exposure, order, known[c])
+                start = _own_mean(codes[:, y, x, c], sample, kind, exposure, known[c, 1])
                 if start > 0.0:
                     found = _maximum_likelihood(start, (sample, kind), (exposure, log_exposure), table[c], grid)
                 else:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from processing.radiometry.photograph_kernel import CERTAIN, NEAR_WHITE
 from processing.radiometry.response_kernel import BINS, CODES, HUBER, PER_SIGMA
 
 
@@ -48,6 +49,14 @@ def merge_photographs(codes, log_exposure, light, table, grid, ends):
     for c in range(codes.shape[-1]):
         z = codes[..., c].reshape(len(t), -1)
         clipped, black = z > ends[c, 1], z < ends[c, 0]
+        own_place = ((np.log(light[c]) - grid[0]) * grid[1] + 0.5).astype(int)
+        sigma = 1 / np.sqrt(table[c][np.clip(own_place, 0, grid[2] - 1), 0])
+        told = np.zeros(z.shape[1])
+        for i in np.argsort(log_exposure):
+            near = z[i] >= NEAR_WHITE
+            clipped[i] |= near & (told * t[i] > light[c, 255])
+            least = (light[c] - CERTAIN * sigma)[z[i]] / t[i]
+            told = np.where(near, np.maximum(told, least), least)
         measured, sample = ~clipped & ~black, light[c][z]
 
         def at(log_light, c=c):

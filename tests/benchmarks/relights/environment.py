@@ -56,7 +56,7 @@ def _captured(name: str, panorama: Panorama, radius_px: float, size: int) -> lis
         photographs = merge_brackets(Bracket(shots.front), Bracket(shots.back))
         merged_s = time.perf_counter() - start
     circles = find_circle(photographs[0].luminance), find_circle(photographs[1].luminance)
-    found = find_reflections(photographs[0].luminance, photographs[1].luminance, circles)
+    found = find_reflections(photographs[0].picture, photographs[1].picture, circles)
     iou = float((found.front & shots.mask).sum() / (found.front | shots.mask).sum())
     base: dict[str, object] = {"place": name, "size": f"6 x {size} x {size}, circle of {radius_px:g} px",
                                "mask_iou": iou, "clipped_light": shots.clipped}  # fmt: skip

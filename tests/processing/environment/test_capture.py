@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.cameras.lens import Fisheye
-from processing.environment.brackets import Bracket, ProbePhotograph, merge_brackets, whiten
+from processing.environment.brackets import Bracket, ProbePhotograph, merge_brackets
 from processing.environment.capture import CaptureOptions, environment_of
 from processing.environment.cloning import clone_clean
 from processing.environment.fisheye_pair import FisheyePair, FisheyeView, cubemap_of_pair
@@ -15,8 +15,6 @@ from processing.environment.reflections import common_layer, find_reflections, m
 from processing.environment.registration import HALF_TURN, RegistrationStatus, View, register
 from processing.errors import ImageError
 from processing.products import Environment
-from processing.radiometry.response import Response
-from simulators.picture import log_exposure
 from tests.benchmarks.yardsticks import phone_shots
 
 RADIUS_PX = 80.0
@@ -69,7 +67,7 @@ def test_front_and_back_are_brought_together(shots, captured):
 
 def test_reflections_of_the_frame_are_found(shots, photographs, captured):
     """Most of what is marked is hidden by the frame, and most of what it hides is marked, on this small picture."""
-    found = find_reflections(photographs[0].luminance, photographs[1].luminance, captured.circles)
+    found = find_reflections(photographs[0].picture, photographs[1].picture, captured.circles)
     assert (found.front & shots.mask).sum() > 0.6 * (found.front | shots.mask).sum()
     assert found.count >= 3
 
@@ -182,18 +180,6 @@ def test_a_hidden_place_is_cloned_from_a_clean_one():
     found = clone_clean(damaged, mask, radius < 44, np.array([45.0, 45.0]))
     np.testing.assert_allclose(found[mask], scene[mask], rtol=0.1)
     np.testing.assert_array_equal(found[~mask], scene[~mask])
-
-
-def test_white_pixels_that_jpeg_moved_are_white_again():
-    truth = log_exposure("srgb")
-    truth[0] = truth[1] - 1
-    noise = np.full_like(truth, 0.5)
-    response = Response(truth, np.zeros_like(truth), noise, np.full(3, 0.5))
-    stack = np.zeros((3, 1, 2, 3), np.uint8)
-    stack[:, 0, 0], stack[:, 0, 1] = np.array([[200], [247], [244]]), np.array([[60], [120], [240]])
-    found = whiten(stack, np.array([1.0, 8.0, 16.0]), response)
-    np.testing.assert_array_equal(found[:, 0, 0], np.array([[200], [255], [255]]) * np.ones(3))
-    np.testing.assert_array_equal(found[:, 0, 1], stack[:, 0, 1])
 
 
 def test_photographs_without_exposure_data_are_refused_unless_the_plan_says_it(tmp_path, shots):

@@ -176,3 +176,26 @@ def test_the_share_of_the_response_in_the_variance():
     doubtful = Response(exact.log_exposure, np.full((256, 3), 0.02), exact.code_sigma_dn, exact.coding_sigma_dn)
     merged = merge_photographs(np.full((1, 4, 4, 3), 90, np.uint8), [1.0], doubtful).radiance
     np.testing.assert_allclose(np.sqrt(merged.variance) / merged.value, 0.02, rtol=0.01)
+
+
+def test_white_pixels_that_jpeg_moved_are_no_measurements():
+    """A lamp of 10 000 on black through JPEG: its own light to a percent, where a shorter exposure shows it.
+
+    Beside it, where codes of 244 and 247 agree with the shorter exposure, they count.
+    """
+    response, exposure = known_response(), np.array([1.0, 8.0, 16.0])
+    light = response.light
+    codes = np.zeros((3, 1, 2, 3), np.uint8)
+    codes[:, 0, 0] = np.array([[200], [247], [244]])
+    codes[:, 0, 1] = np.searchsorted(light[:, 0], light[244, 0] * exposure / 16)[:, None]
+    merged = merge_photographs(codes[[2, 0, 1]], exposure[[2, 0, 1]], response, names=list("abc")).radiance
+    np.testing.assert_allclose(merged.value[0, 0], light[200], rtol=0.01)
+    np.testing.assert_allclose(merged.value[0, 1], light[244] / 16, rtol=0.01)
+    radiance = np.full((48, 48, 3), 0.05)
+    radiance[20:28, 20:28] = 10_000.0
+    times = 4.0 ** np.arange(-7, 2)
+    stack = bracket(camera(), radiance, times)
+    near = (stack >= 236) & (stack < 252)
+    assert near[:, 19:29, 19:29].any(), "the case is there"
+    found = merge_photographs(stack, times, response).radiance.value[22:26, 22:26]
+    assert np.abs(found / true_value(camera(), radiance)[22:26, 22:26] - 1).max() < 0.05

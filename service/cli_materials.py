@@ -253,6 +253,10 @@ def environment(
     turn: Annotated[
         str, typer.Option(metavar="X,Y,Z", help="Degrees by which front to back is off half a turn; else found.")
     ] = "",
+    lens: Annotated[
+        Path | None,
+        typer.Option(help="Calibrated fish-eye: JSON of OpenCV's matrix and distortion."),
+    ] = None,
     panorama: Annotated[
         Path | None, typer.Option(help="Write the light as an equirectangular picture as well (.exr, .hdr).")
     ] = None,
@@ -265,6 +269,6 @@ def environment(
     from service.environment import PlaceOptions, make_environment
 
     with reported_errors():
-        options = PlaceOptions(field_deg, size, azimuth_deg, mask, tuple(hide or ()), not keep_reflections, turn)
+        options = PlaceOptions(field_deg, size, azimuth_deg, mask, tuple(hide or ()), not keep_reflections, turn, lens)
         for line in make_environment(sources, out, options, panorama):
             tell(line)

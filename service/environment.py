@@ -19,7 +19,7 @@ from processing.formats.sequence import read_picture
 from processing.products import Environment
 from processing.products.arrays import Float64
 from render.picture import save_image
-from service.environment_files import brackets_of, panorama_among
+from service.environment_files import brackets_of, halved_lens, panorama_among, read_lens
 from service.environment_pictures import panorama_picture, save_found
 from service.files import check_folder, filled, replaced
 
@@ -34,8 +34,8 @@ class PlaceOptions:
     """As a person gives them: degrees, names of files, rectangles LEFT,TOP,WIDTH,HEIGHT.
 
     `turn` is by how much the back camera is off half a turn about its vertical, X,Y,Z in degrees about the front
-    camera's axes (right, down, ahead); empty where it is to be found. `azimuth_deg` is where the front camera, or a
-    panorama's middle, looks, from +X toward +Y.
+    camera's axes (right, down, ahead); empty where it is to be found. `lens` is a calibrated one. `azimuth_deg` is
+    where the front camera, or a panorama's middle, looks, from +X toward +Y.
     """
 
     field_deg: float = 190.0
@@ -45,6 +45,7 @@ class PlaceOptions:
     hide: tuple[str, ...] = ()
     detect: bool = True
     turn: str = ""
+    lens: Path | None = None
 
 
 def make_environment(
@@ -91,16 +92,20 @@ def photographed(
     """
     turn = _turn(options.turn) if options.turn else None
     hidden_px = [_rectangle(text) for text in options.hide]
+    lens = None if options.lens is None else read_lens(options.lens)
     photographs = merge_brackets(front, back)
     height, width = photographs[0].luminance.shape
     mask, coarser = _mask(options.mask, hidden_px, (height, width)), 1
-    focal_px = equidistant(find_circle(photographs[0].luminance), float(np.radians(options.field_deg))).matrix[0, 0]
+    by_circle = equidistant(find_circle(photographs[0].luminance), float(np.radians(options.field_deg)))
+    focal_px = (lens or by_circle).matrix[0, 0]
     while focal_px / (2 * coarser) * 2 / options.size > _FINER:
         photographs = photographs[0].halved(), photographs[1].halved()
         mask, coarser = None if mask is None else halved_mask(mask), 2 * coarser
+        lens = None if lens is None else halved_lens(lens)
     capture = CaptureOptions(
         field_rad=float(np.radians(options.field_deg)),
         size=options.size,
+        lens=lens,
         mask=mask,
         detect=options.detect,
         front_from_back=turn,

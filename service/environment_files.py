@@ -3,15 +3,19 @@
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Self
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
+from processing.cameras.lens import Fisheye
 from processing.environment.brackets import Bracket
 from processing.errors import ImageError
 from processing.formats import exif
 from processing.formats.sequence import PICTURES, natural_order
 from processing.radiometry.bracket import RAW_SUFFIXES
 
+_Row = tuple[float, float, float]
 PANORAMAS = (".exr", ".hdr", ".pic")
 _SAME = 1.05  # exposures nearer to each other are one
 _LEAST = 2  # photographs to a bracket
@@ -30,6 +34,45 @@ def panorama_among(sources: list[Path]) -> Path | None:
     if panoramas and len(sources) > 1:
         raise ImageError(f"{panoramas[0]}: a panorama is the whole environment; leave the other names out.")
     return panoramas[0] if panoramas else None
+
+
+class _LensFile(BaseModel):
+    """What OpenCV's `fisheye.calibrate` gives: the camera matrix K in pixels, and k1 k2 k3 k4."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    matrix: tuple[_Row, _Row, _Row]
+    distortion: tuple[float, float, float, float]
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> Self:
+        matrix = np.array(self.matrix)
+        if not ((np.diag(matrix) > 0).all() and matrix[0, 1] == matrix[1, 0] == 0 and (matrix[2] == [0, 0, 1]).all()):
+            raise ValueError("the matrix is not [[fu, 0, cu], [0, fv, cv], [0, 0, 1]]")
+        return self
+
+
+def read_lens(path: Path) -> Fisheye:
+    """A calibrated fish-eye from a JSON file of `matrix` and `distortion`. Raises ImageError for another."""
+    try:
+        lens = _LensFile.model_validate_json(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be read: {error.strerror}.") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        told = f"{path}: no fish-eye lens, a JSON of matrix and distortion"
+        raise ImageError(f"{told}: {where} {first['msg']}.") from error
+    return Fisheye(np.array(lens.matrix), np.array(lens.distortion))
+
+
+def halved_lens(lens: Fisheye) -> Fisheye:
+    """The same lens before half as many pixels, each the mean of four."""
+    matrix = lens.matrix.copy()
+    matrix[:2, 2] += 0.5
+    matrix[:2] /= 2
+    matrix[:2, 2] -= 0.5
+    return Fisheye(matrix, lens.distortion)
 
 
 def brackets_of(sources: list[Path]) -> tuple[Bracket, Bracket]:

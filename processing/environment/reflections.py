@@ -14,6 +14,7 @@ from scipy.ndimage import (
     gaussian_filter,
     label,
     map_coordinates,
+    mean,
 )
 
 from processing.environment.frame_sectors import mask_of_sectors, sectors_of_ring
@@ -24,6 +25,8 @@ from processing.products.arrays import Float64
 
 Mask = NDArray[np.bool_]
 _BLUR_PX = 1.0
+_LAMP = 20.0  # times the mean light: no frame mirrors as much, and a lamp that were filled would be lost
+_MOSTLY = 0.25  # of a patch
 _CELLS = 200.0  # to the image radius, at most: sectors of the ring are looked for as coarsely
 _FLOOR = 1e-3  # of the mean light: under it the logarithm says nothing
 _LEVELS = 0.12, 0.17, 0.24, 0.34, 0.48, 0.68, 0.96, 1.36  # log light over what is around: outlines are tried at each
@@ -107,14 +110,28 @@ def find_reflections(
     shape = lights[0].shape[:2]
     grid = ring_grid(circles[0])
     logs = [_ring_log(light.mean(axis=-1), grid.of(circle)) for light, circle in zip(lights, circles, strict=True)]
-    ring, count = _patches(_Layers.of(*logs), grid)
+    ring = _patches(_Layers.of(*logs), grid)
     coarse = ring_grid(circles[0], max(circles[0].radius_px / _CELLS, 1.0))
     features = [_colour_logs(light, coarse.of(circle)) for light, circle in zip(lights, circles, strict=True)]
     sectors = sectors_of_ring(features, coarse)
     outlined = [grid.of(circle).back(ring.astype(np.float64), shape) > 0.5 for circle in circles]
     more = mask_of_sectors(sectors, coarse.sample(outlined[0].astype(np.float64)) > 0.5).astype(np.float64)
     masks = [mask | (coarse.of(circle).back(more, shape) > 0.5) for mask, circle in zip(outlined, circles, strict=True)]
-    return FrameReflections(masks[0], masks[1], max(count, int(label(masks[0])[1])))
+    lamps = [light.mean(axis=-1) > _LAMP * light.mean() for light in lights]
+    masks = [_without(mask, grid.of(circle), lamps, circles) for mask, circle in zip(masks, circles, strict=True)]
+    return FrameReflections(masks[0], masks[1], int(label(masks[0])[1]))
+
+
+def _without(mask: Mask, grid: RingGrid, lamps: Sequence[Mask], circles: Sequence[ImageCircle]) -> Mask:
+    """The mask without lamps that either picture shows at the same place of the ring, and patches that are mostly such.
+
+    A patch that only touches a lamp stays, but for the lamp.
+    """
+    shown = [grid.of(circle).sample(lamp.astype(np.float64)) for lamp, circle in zip(lamps, circles, strict=True)]
+    lamp = binary_dilation(grid.back(np.maximum(*shown), mask.shape) > 0, iterations=_SKIRT_PX)
+    numbers, count = label(mask)
+    share = np.atleast_1d(mean(lamp, numbers, np.arange(count + 1)))
+    return np.asarray(mask & ~lamp & (share[numbers] < _MOSTLY), np.bool_)
 
 
 def _colour_logs(light: Float64, grid: RingGrid) -> Float64:
@@ -172,7 +189,7 @@ class _Outline:
     score: float
 
 
-def _patches(layers: _Layers, grid: RingGrid) -> tuple[Mask, int]:
+def _patches(layers: _Layers, grid: RingGrid) -> Mask:
     """The outlines that the pictures bear out, the steepest first, where they do not touch one another."""
     found = []
     for turn in (0, grid.count // 2):  # a patch that lies across azimuth 0 is whole in one of two turns
@@ -180,7 +197,7 @@ def _patches(layers: _Layers, grid: RingGrid) -> tuple[Mask, int]:
             whole = np.zeros(layers.common.shape, np.bool_)
             whole[outline.box] = outline.patch
             found.append((outline, np.roll(whole, -turn, axis=1)))
-    mask, count = np.zeros(layers.common.shape, np.bool_), 0
+    mask = np.zeros(layers.common.shape, np.bool_)
     for outline, patch in sorted(found, key=lambda one: -one[0].score):
         if not (mask & patch).any():
             # The middle of a step of log light lies outside of a bright patch's edge, the more as light is blurred
@@ -188,8 +205,7 @@ def _patches(layers: _Layers, grid: RingGrid) -> tuple[Mask, int]:
             by = 0.9 if outline.rises > 0 else 0.5
             skirt = round(float(np.clip(_SKIRT_PX - by * outline.rises, 0, 2 * _SKIRT_PX)))
             mask |= binary_dilation(patch, iterations=skirt) if skirt else patch
-            count += 1
-    return mask, count
+    return mask
 
 
 def _outlines(layers: _Layers, grid: RingGrid) -> list[_Outline]:

@@ -1,5 +1,6 @@
 """`rig environment`: photographs told apart, panoramas taken over, what is said of them and what is refused."""
 
+import json
 import re
 from fractions import Fraction
 
@@ -8,6 +9,8 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from processing.cameras.lens import Fisheye
+from processing.environment.brackets import Bracket, merge_bracket
 from processing.environment.equirectangular import Panorama, cubemap_of
 from processing.errors import ImageError
 from processing.formats.exr import ExrImage, read_exr, write_exr
@@ -16,7 +19,7 @@ from processing.products import Environment
 from service import viewing
 from service.cli import app
 from service.environment import PlaceOptions, make_environment
-from service.environment_files import brackets_of
+from service.environment_files import brackets_of, halved_lens, read_lens
 from tests.benchmarks.yardsticks import phone_shots
 
 _EXIF, _TIME, _F_NUMBER, _ISO, _TAKEN = 0x8769, 0x829A, 0x829D, 0x8827, 0x9003
@@ -159,3 +162,73 @@ def test_a_product_is_drawn_and_lights_as_the_picture_it_was_made_of(tmp_path):
     for quantity in (lambda one: one.irradiance, lambda one: one.direction * np.sum(one.irradiance)):
         sums = [sum(quantity(one) for one in lights) for lights in (ours, theirs)]
         assert np.abs(sums[0] - sums[1]).max() < 0.02 * np.abs(sums[1]).max()
+
+
+def test_a_calibrated_lens_serves_in_place_of_the_circle(shots, tmp_path):
+    """As OpenCV gives it, at the photographs' full size: the sphere is lit as by the truth."""
+    folder, made = shots
+    lens = tmp_path / "lens.json"
+    lens.write_text(json.dumps({"matrix": made.lens.matrix.tolist(), "distortion": [0, 0, 0, 0]}))
+    options = PlaceOptions(size=8, mask=folder / "mask" / "mask.png", lens=lens)
+    told = list(make_environment([folder], tmp_path / "room", options))
+    assert any("off half a turn" in line for line in told)
+    normals = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    true, ours = made.truth(8).irradiance(normals), Environment.load(tmp_path / "room").irradiance(normals) * made.unit
+    assert np.sqrt(np.mean((ours - true) ** 2)) < 0.03 * true.mean()
+
+
+@pytest.mark.parametrize("content", ["", "{}", '{"matrix": [[1,0,0],[0,1,0],[0,0,1]], "distortion": [0,0]}',
+                                     '{"matrix": [[-9,0,4],[0,9,4],[0,0,1]], "distortion": [0,0,0,0]}',
+                                     '{"matrix": [[NaN,0,4],[0,9,4],[0,0,1]], "distortion": [0,0,0,0]}'])  # fmt: skip
+def test_what_is_no_lens_is_refused_in_one_line(tmp_path, content):
+    (tmp_path / "lens.json").write_text(content)
+    with pytest.raises(ImageError, match=r"lens.json: no fish-eye lens"):
+        read_lens(tmp_path / "lens.json")
+    with pytest.raises(ImageError, match="cannot be read"):
+        read_lens(tmp_path / "none.json")
+
+
+def test_a_halved_lens_images_at_half_the_pixels():
+    lens = Fisheye(np.array([[40.0, 0, 50.3], [0, 40, 47.1], [0, 0, 1]]), np.array([0.01, 0, 0, 0]))
+    points = np.random.default_rng(0).normal((0, 0, 1), size=(20, 3))
+    np.testing.assert_allclose((lens.project(points) + 0.5) / 2 - 0.5, halved_lens(lens).project(points), atol=1e-9)
+
+
+def spoilt(folder, shots, change):
+    """The front's files with some of them changed: `change(number, picture)`; EXIF data stays."""
+    names = []
+    for number, path in enumerate(shots):
+        with Image.open(path) as image:
+            exif, picture = image.getexif(), image.copy()
+        names.append(folder / f"{number}.jpg")
+        change(number, picture).save(names[-1], quality=95, exif=exif)
+    return Bracket(tuple(names))
+
+
+def test_brackets_from_different_places_are_refused(shots, tmp_path):
+    """A camera that moved between two exposures, and an exposure of another scene: one clear error each."""
+    folder, made = shots
+    files = sorted(folder.glob("IMG_*.jpg"), key=lambda path: int(path.stem[4:]))[: len(made.front)]
+
+    def moved(number, picture):
+        return picture.transform(picture.size, Image.Transform.AFFINE, (1, 0, 9, 0, 1, 5)) if number == 1 else picture
+
+    def other(number, picture):
+        return picture.transpose(Image.Transpose.ROTATE_180) if number == 1 else picture
+
+    (tmp_path / "moved").mkdir()
+    (tmp_path / "other").mkdir()
+    with pytest.raises(ImageError, match=r"moved"):
+        merge_bracket(spoilt(tmp_path / "moved", files, moved))
+    with pytest.raises(ImageError, match=r"another scene"):
+        merge_bracket(spoilt(tmp_path / "other", files, other))
+
+
+@pytest.mark.parametrize("field_deg", [150.0, 260.0])
+def test_a_wrong_field_of_view_is_told(shots, tmp_path, field_deg):
+    """Nothing is written: what both photographs see does not fit."""
+    folder, _ = shots
+    options = PlaceOptions(size=8, field_deg=field_deg, mask=folder / "mask" / "mask.png")
+    with pytest.raises(ImageError, match="wrong field of view"):
+        list(make_environment([folder], tmp_path / "room", options))
+    assert not (tmp_path / "room").exists()

@@ -18,7 +18,7 @@ def scenes(seed):
             for _ in range(2)]  # fmt: skip
 
 
-def sector(azimuth_rad, half_width_rad=0.2, middle=0.88, half_height=0.035):
+def sector(azimuth_rad, half_width_rad=0.25, middle=0.88, half_height=0.035):
     """Share (h, w) that a reflection hides: 1 inside, soft by two pixels at its edges."""
     rows, columns = np.indices((SIZE, SIZE))
     x, y = columns - 119.5, rows - 119.5

@@ -15,7 +15,6 @@ from scipy.ndimage import gaussian_filter
 from processing.environment.ring import RingGrid
 from processing.products.arrays import Float64
 
-Mask = NDArray[np.bool_]
 _HEIGHTS = np.geomspace(0.03, 0.09, 9)  # of the image radius
 _WIDTHS_RAD = np.geomspace(0.1, 0.6, 22)
 _NEAREST = 0.75  # image radii: no reflection's middle is nearer to the centre
@@ -26,12 +25,10 @@ _NOISE = 0.03  # log light or colour: steps along a side that differ by less are
 _ALIKE = 4.0  # cells that tell one thing between them
 _LONG, _SHORT = 30.0, 15.0  # log likelihood ratios of sides: beyond, a side cannot make up for others
 _REST = 0.1  # share of a side's whole ratio that counts beside, so that of sectors that share sides the better one wins
-_ENOUGH = 74.0  # for all four sides
+_ENOUGH = 53.0  # for all four sides: to be fitted, not to be believed
 _REACH = 6  # cells within which a side is placed
 _APART = 6  # cells between two sectors
-_GROWN = 2  # cells: sides are where the light is half of the reflection's; its edge is soft
-_KNOWN = 0.7  # share of a sector
-_COUNT = 12
+_COUNT = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +47,16 @@ class Sector:
         return rows[:, None], columns[None]
 
 
-def sectors_of_ring(features: Sequence[Float64], grid: RingGrid) -> list[Sector]:
-    """Sectors that two pictures share; `features` (2): each picture's log light and colours (f, r, count) on a ring."""
+def sectors_of_ring(features: Sequence[Float64], grid: RingGrid) -> list[tuple[Sector, float]]:
+    """Sectors that two pictures may share, and their log likelihood ratios, the likeliest first.
+
+    `features` (2): each picture's log light and colours (f, r, count) on a ring.
+    """
     best, sizes = _likelihoods([_steps(picture, _ACROSS) for picture in features], grid)
     middle = np.arange(best.shape[0])[:, None] + sizes[..., 0] / 2
     best[grid.radii_px[0] + middle * grid.step_px < _NEAREST * grid.outer_px] = 0.0
     fine = [_steps(picture, _FINE) for picture in features]
-    taken, found = np.zeros(best.shape, np.bool_), list[Sector]()
+    taken, found = np.zeros(best.shape, np.bool_), list[tuple[Sector, float]]()
     for place in np.argsort(best, axis=None)[::-1]:
         top, left = map(int, np.unravel_index(place, best.shape))
         if best[top, left] < _ENOUGH or len(found) == _COUNT:
@@ -64,18 +64,10 @@ def sectors_of_ring(features: Sequence[Float64], grid: RingGrid) -> list[Sector]
         height, width = map(int, sizes[top, left])
         sector = Sector(top, height, left, width)
         if not taken[sector.cells(best.shape, 0)].any():
-            found.append(_placed(sector, fine))
-            taken[found[-1].cells(best.shape, _APART)] = True
+            placed = _placed(sector, fine)
+            found.append((placed, float(best[top, left])))
+            taken[placed.cells(best.shape, _APART)] = True
     return found
-
-
-def mask_of_sectors(sectors: Sequence[Sector], known: Mask) -> Mask:
-    """Cells (r, count) that sectors and their soft edges cover, without those that are `known` by most of them."""
-    mask = np.zeros(known.shape, np.bool_)
-    for sector in sectors:
-        cells = sector.cells(mask.shape, _GROWN)
-        mask[cells] |= known[cells].mean() < _KNOWN
-    return mask
 
 
 def _steps(picture: Float64, across: int) -> tuple[Float64, Float64]:

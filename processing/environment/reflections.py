@@ -17,9 +17,10 @@ from scipy.ndimage import (
     mean,
 )
 
-from processing.environment.frame_sectors import mask_of_sectors, sectors_of_ring
+from processing.environment.frame_sectors import sectors_of_ring
 from processing.environment.image_circle import ImageCircle
 from processing.environment.ring import RingGrid, ring_grid
+from processing.environment.sector_fit import sectors_and_outlines
 from processing.errors import ImageError
 from processing.products.arrays import Float64
 
@@ -103,8 +104,8 @@ def find_reflections(
     They sit at the same place of the image circle while the scene differs, and follow the frame's ring. Outlines are
     drawn, at several levels, in the layer that the luminance of both pictures has in common; those count across which
     both change alike, of the size and shape that a frame leaves. Beside them count sectors of the ring across whose
-    sides both pictures step, in light or in colour, either way. One that has the light and the colour of both scenes is
-    not found: give it as a mask.
+    sides both pictures step, in light or in colour, either way. Soft sectors are then fitted to both pictures. One that
+    has the light and the colour of both scenes is not found: give it as a mask.
     """
     lights = [np.nan_to_num(np.asarray(picture, np.float64)) for picture in (front, back)]
     shape = lights[0].shape[:2]
@@ -113,10 +114,10 @@ def find_reflections(
     ring = _patches(_Layers.of(*logs), grid)
     coarse = ring_grid(circles[0], max(circles[0].radius_px / _CELLS, 1.0))
     features = [_colour_logs(light, coarse.of(circle)) for light, circle in zip(lights, circles, strict=True)]
-    sectors = sectors_of_ring(features, coarse)
-    outlined = [grid.of(circle).back(ring.astype(np.float64), shape) > 0.5 for circle in circles]
-    more = mask_of_sectors(sectors, coarse.sample(outlined[0].astype(np.float64)) > 0.5).astype(np.float64)
-    masks = [mask | (coarse.of(circle).back(more, shape) > 0.5) for mask, circle in zip(outlined, circles, strict=True)]
+    outlined = coarse.sample(grid.back(ring.astype(np.float64), shape)) > 0.5
+    fitted = np.stack([_channels(light, coarse.of(circle)) for light, circle in zip(lights, circles, strict=True)])
+    covered = sectors_and_outlines(fitted, sectors_of_ring(features, coarse), outlined, coarse).astype(np.float64)
+    masks = [coarse.of(circle).back(covered, shape) > 0.5 for circle in circles]
     lamps = [light.mean(axis=-1) > _LAMP * light.mean() for light in lights]
     masks = [_without(mask, grid.of(circle), lamps, circles) for mask, circle in zip(masks, circles, strict=True)]
     return FrameReflections(masks[0], masks[1], int(label(masks[0])[1]))
@@ -132,6 +133,12 @@ def _without(mask: Mask, grid: RingGrid, lamps: Sequence[Mask], circles: Sequenc
     numbers, count = label(mask)
     share = np.atleast_1d(mean(lamp, numbers, np.arange(count + 1)))
     return np.asarray(mask & ~lamp & (share[numbers] < _MOSTLY), np.bool_)
+
+
+def _channels(light: Float64, grid: RingGrid) -> Float64:
+    """Light (3, r, count) in means of the picture."""
+    mean_light = max(float(light.mean()), np.finfo(float).tiny)
+    return np.stack([grid.sample(np.minimum(channel / mean_light, _LAMP)) for channel in np.moveaxis(light, -1, 0)])
 
 
 def _colour_logs(light: Float64, grid: RingGrid) -> Float64:

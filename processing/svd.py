@@ -21,6 +21,7 @@ from processing.errors import ImageError
 from processing.products import DirectionMesh, FactoredBtf, Provenance
 from processing.products.arrays import Float32, Float64
 from processing.products.btf import Block
+from processing.threads import products_in_one_thread
 
 _PASSES = 3  # of the iteration
 _PART = 1 << 19  # samples: 4 MiB in float64
@@ -56,7 +57,10 @@ class BtfRows(Protocol):
         """Spans of rows to read one after another."""
 
     def blocks(self) -> Iterator[Block]:
-        """Lights, rows, and what all views see of them, (light, view, row, x, channel); each sample once."""
+        """Lights, rows, and what all views see of them, (light, view, row, x, channel); each sample once.
+
+        A block is good until the next is asked for.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,15 +124,16 @@ def factor_btf(btf: BtfRows, rank: int, colour: Colour = "colour", white: float 
     shared = channels if colour == "grey" else 1
     if not 1 <= rank <= views * shared:
         raise ImageError(f"rank {rank} of a BTF with {views} views: choose 1 to {views * shared} for {colour} maps")
-    gram, missing = _gram(btf, shared, white)
-    values, vectors = np.linalg.eigh(gram)
-    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1][:, :rank]
-    vectors = vectors * np.where(vectors.sum(axis=0) < 0, -1.0, 1.0)
-    weights = np.ascontiguousarray(vectors.T, np.float32)
     eigenmaps = np.empty((rank, lights, height, width, channels // shared), np.float32)
-    for light, rows, matrix in _matrices(btf, shared, white):
-        whole = _filled(matrix)[0] if missing else matrix
-        eigenmaps[:, light, rows] = (weights @ whole).reshape(rank, -1, width, channels // shared)
+    with products_in_one_thread():
+        gram, missing = _gram(btf, shared, white)
+        values, vectors = np.linalg.eigh(gram)
+        values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1][:, :rank]
+        vectors = vectors * np.where(vectors.sum(axis=0) < 0, -1.0, 1.0)
+        weights = np.ascontiguousarray(vectors.T, np.float32)
+        for light, rows, matrix in _matrices(btf, shared, white):
+            whole = _filled(matrix)[0] if missing else matrix
+            eigenmaps[:, light, rows] = (weights @ whole).reshape(rank, -1, width, channels // shared)
     factored = FactoredBtf(
         eigenmaps,
         weights.reshape(rank, views, channels) if shared > 1 else weights,

@@ -22,9 +22,9 @@ _STORE = "btf.zarr"
 _DIRECTIONS_PER_CHUNK = 8
 _TEXELS_PER_CHUNK = 16
 _LARGEST_HALF = 65504.0
-_BLOCK = 1 << 21  # samples that are read at once, unless a row of chunks under 8 lights holds more
+_BLOCK = 1 << 22  # samples that are read at once, unless a row of chunks under 8 lights holds more
 
-_READERS = 2
+_READERS = 1  # the other core works on the block before
 
 Block = tuple[slice, slice, Float32]
 
@@ -127,14 +127,16 @@ class StoredBtf:
         return _spans(self.shape[2], self.array.chunks[2])
 
     def blocks(self) -> Iterator[Block]:
-        """As `Btf.blocks`, of few lights and rows; the next is read in threads while one is worked on."""
+        """As `Btf.blocks`, of few lights and rows, each good until the next is asked for, which is read meanwhile."""
+        spans = list(self._block_spans())
+        room = np.empty((2, max(math.prod(self._lengths(*span)) for span in spans)), np.float32)
         with ThreadPoolExecutor(_READERS) as pool:
-            reading: list[_Reading] = []
-            for lights, rows in self._block_spans():
-                reading.append(self._begin(pool, lights, rows))
-                if len(reading) > 1:
-                    yield reading.pop(0).done()
-            yield from (last.done() for last in reading)
+            reading = self._begin(pool, *spans[0], room[0])
+            for number, span in enumerate(spans[1:], start=1):
+                block = reading.done()
+                reading = self._begin(pool, *span, room[number % 2])
+                yield block
+            yield reading.done()
 
     def _block_spans(self) -> Iterator[tuple[slice, slice]]:
         per_row = self.array.chunks[0] * math.prod(self.shape[i] for i in (1, 3, 4))
@@ -142,9 +144,12 @@ class StoredBtf:
         rows = list(_spans(self.shape[2], max(_BLOCK // (per_row * height), 1) * height))
         return ((lights, span) for lights in _spans(self.shape[0], self.array.chunks[0]) for span in rows)
 
-    def _begin(self, pool: ThreadPoolExecutor, lights: slice, rows: slice) -> "_Reading":
-        lengths = (lights.stop - lights.start, self.shape[1], rows.stop - rows.start, *self.shape[3:])
-        block, shards = np.empty(lengths, np.float32), _spans(self.shape[1], self.array.chunks[1])
+    def _lengths(self, lights: slice, rows: slice) -> tuple[int, ...]:
+        return lights.stop - lights.start, self.shape[1], rows.stop - rows.start, *self.shape[3:]
+
+    def _begin(self, pool: ThreadPoolExecutor, lights: slice, rows: slice, room: Float32) -> "_Reading":
+        lengths = self._lengths(lights, rows)
+        block, shards = room[: math.prod(lengths)].reshape(lengths), _spans(self.shape[1], self.array.chunks[1])
         parts = [pool.submit(self._read, lights, views, rows, block[:, views]) for views in shards]
         return _Reading(lights, rows, block, parts)
 
